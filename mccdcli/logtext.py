@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Final
 from mccdcli.output import table
 
 if TYPE_CHECKING:
+    from campaigns.facts.size import Size
     from campaigns.log import Channel, LogSegment
 
-
-SIZES: Final = ("smallest", "largest", "rms")
-NO_SIZES: Final[Mapping[str, Mapping[str, float]]] = MappingProxyType({})
+SIZES: Final = {"smallest": "smallest", "largest": "largest", "rms": "rms about the mean"}
+NO_SIZES: Final[Mapping[str, Size]] = MappingProxyType({})
 
 
 def length_text(rows: int, sample_rate_hz: float) -> str:
@@ -21,14 +21,14 @@ def length_text(rows: int, sample_rate_hz: float) -> str:
     return f"{rows} samples at {sample_rate_hz:g} Hz, {rows / sample_rate_hz:g} s"
 
 
-def channels_text(channels: Iterable[Channel], sizes: Mapping[str, Mapping[str, float]] = NO_SIZES) -> str:
+def channels_text(channels: Iterable[Channel], sizes: Mapping[str, Size] = NO_SIZES) -> str:
     """Return a table of name, unit, role and degree of freedom, with the sizes that are known of some."""
     rows = [(c.name, c.unit, c.role, c.dof) for c in channels]
     heads: tuple[str, ...] = ("channel", "unit", "role", "dof")
     if not sizes:
         return table(rows, heads=heads)
-    known = [[f"{sizes[row[0]][key]:.6g}" if key in sizes.get(row[0], ()) else "" for key in SIZES] for row in rows]
-    return table([(*row, *more) for row, more in zip(rows, known, strict=True)], heads=(*heads, *SIZES))
+    known = [[f"{getattr(sizes[row[0]], key):.6g}" if row[0] in sizes else "" for key in SIZES] for row in rows]
+    return table([(*row, *more) for row, more in zip(rows, known, strict=True)], heads=(*heads, *SIZES.values()))
 
 
 def segments_text(segments: Iterable[LogSegment]) -> str:

@@ -146,8 +146,7 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         ),
         "log check": Entry(
             "mccdcli.commands.log_check:check",
-            "Check what a log shows about itself: sizes, periods, samples at rest, slow "
-            "sensors, steps, clipping, wraps.",
+            "Check what a log shows about itself: sizes, units, periods, dead channels, slow sensors, steps, clipping.",
         ),
         "log export": Entry(
             "mccdcli.commands.log_export:export",
@@ -174,7 +173,7 @@ COMMANDS: Final[Mapping[str, Entry]] = MappingProxyType(
         ),
         "log show": Entry(
             "mccdcli.commands.log_show:show",
-            "Show what a log holds: its run, its channels and its segments.",
+            "Show what a log holds: its run, its channels with their sizes, its segments.",
         ),
         "log summary": Entry(
             "mccdcli.commands.log_summary:summary",

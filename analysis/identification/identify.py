@@ -35,7 +35,7 @@ from analysis.identification.swing import without_swing
 from analysis.identification.whole_delay import BEGINNING_ROWS, beginning
 from analysis.recorded.folded import averaged_response, too_long
 from analysis.recorded.sweep import sweep_of
-from campaigns.facts import facts_of, measured_segments, remarks_on
+from campaigns.facts import dead_in_all, facts_of, measured_segments, remarks_on
 from campaigns.facts.loop import NAME as LOOP
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of, unheard
@@ -77,6 +77,7 @@ def identify_runs(
     if all(any("measure_from" in s.settings for s in run.segments) for run in runs):
         return _from_sweeps(runs, orders, name, report)
     _require_same_channels(runs)
+    still = _inputs_at_rest(runs)
     parts = [(run, s) for run in runs for s in measured_segments(run)]
     fitting = [(run, s) for run, s in parts if s.rows and only in s.label and not s.held_out]
     if not fitting:
@@ -90,7 +91,23 @@ def identify_runs(
         found = _from_periods(periodic, parts, orders, name, equal_weights, report)
     else:
         found = (_from_spectra if too_long(fitting) else _from_records)(fitting, parts, orders, name, report)
-    return replace(found, remarks=remarks_on(runs))
+    return replace(found, remarks=(*still, *remarks_on(runs)))
+
+
+def _inputs_at_rest(runs: Sequence[Run]) -> tuple[str, ...]:
+    """Return remarks on inputs that move in no log; raises DataError for an output that changes in none."""
+    still = dead_in_all([facts_of(run) for run in runs])
+    for fact in still:
+        if fact.channel in runs[0].names("output"):
+            raise DataError(f"{runs[0].path}: {fact.told}")
+    names = [fact.channel for fact in still]
+    if not names:
+        return ()
+    if len(names) == len(runs[0].names("input")):
+        told = "no input moves in any log: gains are unknown, and modes are those of a free motion, if there was one"
+    else:
+        told = f"input {', '.join(names)} moves in no log: its gains are unknown, and written as zero"
+    return (told,)
 
 
 def _missing(runs: Sequence[Run]) -> str:

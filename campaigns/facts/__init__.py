@@ -5,6 +5,7 @@ samples.
 """
 
 from campaigns.facts.base import Fact, Seen
+from campaigns.facts.dead import dead_in_all
 from campaigns.facts.finding import (
     FACTS,
     RELATIONS,
@@ -16,6 +17,7 @@ from campaigns.facts.finding import (
     stored_facts,
     whole,
 )
+from campaigns.facts.sizes import sizes_of
 from campaigns.facts.usable import measured_segments, remarks_on, usable_segments
 
 __all__ = [
@@ -24,12 +26,14 @@ __all__ = [
     "Fact",
     "Seen",
     "all_facts_of",
+    "dead_in_all",
     "facts_of",
     "found_in",
     "measured_segments",
     "missing_in",
     "remarks_on",
     "seen_in",
+    "sizes_of",
     "stored_facts",
     "usable_segments",
     "whole",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts.bands import Band
 from campaigns.log.schema import ChannelLike, LogSegment
 
 Array = NDArray[np.float64]
@@ -17,9 +18,10 @@ Array = NDArray[np.float64]
 class Fact:
     """What was found, where, and what it means for identification and diagnosis.
 
-    `name` says of which kind it is, `numbers` hold what programs need; `channel` and `segment` are empty where it is of
-    all. One that `forbids` makes wrong whatever is computed from the record as it is; one that `refuses_import` as well
-    knows what to write into the map instead. One that is not a `remark` is shown when asked for only.
+    `name` says of which kind it is, `numbers` hold what programs need, `bands` a curve over frequency, if it has one;
+    `channel` and `segment` are empty where it is of all. One that `forbids` makes wrong whatever is computed from the
+    record as it is; one that `refuses_import` as well knows what to write into the map instead. One that is not a
+    `remark` is shown when asked for only.
     """
 
     name: str
@@ -31,6 +33,7 @@ class Fact:
     forbids: bool = False
     refuses_import: bool = False
     remark: bool = True
+    bands: tuple[Band, ...] = ()
 
     @property
     def told(self) -> str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts.bands import lowest_of, shares_of
 from campaigns.facts.base import Array, Fact, Seen
 from campaigns.facts.blocks import Blocks, excited, period_blocks, windowed_blocks
 from campaigns.facts.stretches import Stretch
@@ -27,6 +28,10 @@ AVERAGES = 6
 SHORTEST = 64
 LONGEST = 2**14
 
+OVERLAP = 2.0 / 36.0
+"""By which part more blocks that overlap by half are needed: twice the squared correlation of two Hann windows, 1/6
+(P. Welch, IEEE Trans. Audio Electroacoustics 15, 1967)."""
+
 LEAKS = 1.2
 """By how much more is unexplained with blocks half as long, from which on it is leakage: of the answer to what was
 played before a block, half as much is in a block twice as long, and more where it rings for longer than both."""
@@ -34,13 +39,25 @@ played before a block, half as much is in a block twice as long, and more where 
 
 @dataclass(frozen=True)
 class _Coherence:
-    frequency_hz: Array  # (f,) of the excited lines
-    share: Array  # (f,) coherence
-    explained: float  # of the output's power at these lines
+    """Power of an output at the excited lines, and which of it the inputs explain, (f,) each."""
+
+    frequency_hz: Array
+    steady: Array
+    total: Array
+
+    @property
+    def share(self) -> Array:
+        """Coherence (f,)."""
+        return np.clip(self.steady / self.total, 0.0, 1.0)
+
+    @property
+    def explained(self) -> float:
+        """Part of the power at all these lines."""
+        return min(max(float(self.steady.sum() / self.total.sum()), 0.0), 1.0)
 
 
 def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> list[Fact]:
-    """Return for each output how many excited lines are low, and how much of its power the inputs explain."""
+    """Return for each output how many excited lines are low, and how much of its power the inputs explain, by bands."""
     repeating = [s for s in stretches if s.periods >= 2]
     free = [s for s in stretches if s.periods < 2]
     periods = period_blocks(repeating)
@@ -69,7 +86,7 @@ def _of_periods(blocks: Blocks, o: int, rate_hz: float) -> _Coherence:
         p = own.shape[0]
         power = np.mean(np.abs(own) ** 2, axis=0)
         noise = (power - np.abs(own.mean(axis=0)) ** 2) * p / max(p - 1, 1) if p > 1 else np.zeros_like(power)
-        steady += p * np.maximum(power - noise, 0.0)
+        steady += p * (power - noise)  # by chance below zero: the sum over lines is right
         total += p * power
     return _at(blocks.frequency_hz(rate_hz), played & (total > 0.0), steady, total)
 
@@ -91,7 +108,7 @@ def _multiple(blocks: Blocks | None, o: int, rate_hz: float) -> _Coherence | Non
         return None
     u, y = blocks.inputs, blocks.outputs[:, :, o]
     b, _, n_u = u.shape
-    averages = max(b * 0.5, 1.0)  # half of each block is in the next as well
+    averages = b / (1.0 + OVERLAP * (1.0 - 1.0 / b))
     if averages <= n_u + 1:
         return None
     power_u = np.mean(np.abs(u) ** 2, axis=0)
@@ -105,14 +122,12 @@ def _multiple(blocks: Blocks | None, o: int, rate_hz: float) -> _Coherence | Non
     # so many inputs explain their part of so few averages by chance
     share = 1.0 - (1.0 - steady / np.maximum(total, np.finfo(float).tiny)) * averages / (averages - n_u)
     full = np.zeros(played.size), np.zeros(played.size)
-    full[0][played], full[1][played] = np.clip(share, 0.0, 1.0) * total, total
+    full[0][played], full[1][played] = share * total, total
     return _at(blocks.frequency_hz(rate_hz), played & (full[1] > 0.0), *full)
 
 
 def _at(frequency_hz: Array, lines: NDArray[np.bool_], steady: Array, total: Array) -> _Coherence:
-    share = np.clip(steady[lines] / total[lines], 0.0, 1.0)
-    explained = float(steady[lines].sum() / max(total[lines].sum(), np.finfo(float).tiny))
-    return _Coherence(frequency_hz[lines], share, min(max(explained, 0.0), 1.0))
+    return _Coherence(frequency_hz[lines], steady[lines], total[lines])
 
 
 def _fact(name: str, told: Sequence[_Coherence], leaking: bool, repeating: bool) -> Fact:
@@ -142,4 +157,5 @@ def _fact(name: str, told: Sequence[_Coherence], leaking: bool, repeating: bool)
         )
     elif leaking and explained < LOW:
         means = "blocks are too short for what rings: that much at least is explained"
-    return Fact(NAME, text, means, name, numbers=numbers, remark=poor)
+    bands = lowest_of([shares_of(one.frequency_hz, one.steady, one.total) for one in told])
+    return Fact(NAME, text, means, name, numbers=numbers, remark=poor, bands=bands)

@@ -12,10 +12,13 @@ from campaigns.facts import (
     clipping,
     clock,
     coherence,
+    dead,
     delay,
     loop,
     missing,
     period,
+    plausible,
+    resampled,
     rest,
     size,
     slow_sensor,
@@ -32,7 +35,9 @@ from sim_backend.readings import with_gaps
 
 FACTS: tuple[Callable[[Seen], list[Fact]], ...] = (
     size.facts,
+    plausible.facts,
     period.facts,
+    dead.facts,
     rest.facts,
     slow_sensor.facts,
     steps.facts,
@@ -63,6 +68,8 @@ def found_in(seen: Seen, asked: Sequence[str] = tuple(RELATIONS)) -> tuple[Fact,
         return ()
     found = missing.facts(seen)
     seen = missing.drawn_over(seen) if found else seen
+    if not seen.columns:
+        return tuple(found)
     found += [fact for find in FACTS for fact in find(seen)]
     stretches = stretches_in(seen, found) if asked else []
     for name in asked:
@@ -98,9 +105,15 @@ def _facts(run: Run, asked: Sequence[str]) -> tuple[Fact, ...]:
     stored = stored_facts(run)
     if stored and run.rows * columns > MOST_NUMBERS:
         return stored
-    missing = missing_in(run)
-    found = found_in(seen_in(run), asked)
-    return (*found, *(fact for fact in stored if fact.name in RELATIONS and fact.name not in missing))
+    kept = set(RELATIONS) - set(missing_in(run))
+    made = [fact for fact in stored if _only_at_import(run, fact)]
+    return (*made, *found_in(seen_in(run), asked), *(fact for fact in stored if fact.name in kept))
+
+
+def _only_at_import(run: Run, fact: Fact) -> bool:
+    """Tell whether a stored fact is found by an import only, not in a log's inputs, outputs and references."""
+    channel = run.channels.get(fact.channel)
+    return fact.name == resampled.NAME or (channel is not None and channel.role == "aux")
 
 
 def stored_facts(run: Run) -> tuple[Fact, ...]:

@@ -49,8 +49,11 @@ def missing_rows(run: Run, segment: LogSegment) -> NDArray[np.bool_]:
 
 
 def drawn_over(seen: Seen) -> Seen:
-    """Return a record with straight lines over what holds no number, for facts that need its other samples."""
-    columns = {name: _drawn(values) for name, values in seen.columns.items()}
+    """Return a record with straight lines over what holds no number, for facts that need its other samples.
+
+    A channel that holds none at all is left out: it has no size and is not constant.
+    """
+    columns = {name: _drawn(values) for name, values in seen.columns.items() if np.isfinite(values).any()}
     return replace(seen, columns=columns)
 
 
@@ -58,7 +61,5 @@ def _drawn(values: Array) -> Array:
     good = np.isfinite(values)
     if good.all():
         return values
-    if not good.any():
-        return np.zeros_like(values)
     rows = np.arange(values.size)
     return np.interp(rows, rows[good], values[good])

@@ -16,7 +16,7 @@ def facts(seen: Seen) -> list[Fact]:
     outputs = seen.of_role("output")
     for name, values in outputs.items():
         if np.ptp(values) == 0.0:
-            continue  # dead throughout, which the import refuses or the map allows
+            continue  # dead throughout, which is a fact of its own
         for segment, part in by_segment(seen, values):
             if seen.complete and part.size > 1 and np.ptp(part) == 0.0:
                 found.append(

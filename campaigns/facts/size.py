@@ -3,27 +3,49 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.facts.base import Fact, Seen
+from campaigns.facts.base import Array, Fact, Seen
+from campaigns.facts.plausible import doubts
 
-LARGEST_ANGLE_RAD = math.pi
-"""No reading of a mirror or an arm spans more than half a turn without being wrapped or in another unit."""
+NAME = "size"
+
+AT_ONCE = 1_000_000
+"""Samples whose squares are summed together: a second copy of a long channel takes much memory."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """Smallest and largest value of a channel, and its rms about the mean, in the channel's unit."""
+
+    smallest: float
+    largest: float
+    rms: float
+
+
+def size_of(values: Array) -> Size | None:
+    """Return the size of a channel (n,), of the samples that hold a number; None where none does."""
+    held = np.isfinite(values)
+    values = values if held.all() else values[held]
+    if not values.size:
+        return None
+    mean = values.mean()
+    squares = sum(
+        float(about @ about) for about in (values[k : k + AT_ONCE] - mean for k in range(0, values.size, AT_ONCE))
+    )
+    return Size(float(values.min()), float(values.max()), math.sqrt(squares / values.size))
 
 
 def facts(seen: Seen) -> list[Fact]:
-    """Return smallest, largest and rms of every channel, with a remark on angles that are hardly in radians."""
+    """Return the size of every channel, with a remark on one that is implausible in its unit."""
+    sizes = {name: size for name, values in seen.columns.items() if (size := size_of(values)) is not None}
+    doubted = doubts(seen, {name: (size.smallest, size.largest) for name, size in sizes.items()})
     found = []
-    for name, values in seen.columns.items():
-        low, high = float(values.min()), float(values.max())
-        about = values - values.mean()
-        about *= about
-        rms = float(np.sqrt(np.mean(about)))
+    for name, size in sizes.items():
         unit = seen.channels[name].unit
-        numbers = {"smallest": low, "largest": high, "rms": rms}
-        text = f"{low:.4g} to {high:.4g} {unit}, rms about the mean {rms:.4g}"
-        wide = unit == "rad" and high - low > LARGEST_ANGLE_RAD
-        means = "an angle of more than half a turn: was the unit degrees, arcseconds or µrad?" if wide else ""
-        found.append(Fact("size", text, means, name, numbers=numbers, remark=wide))
+        text = f"{name}: {size.smallest:.4g} to {size.largest:.4g} {unit}, rms about the mean {size.rms:.4g}"
+        numbers = {"smallest": size.smallest, "largest": size.largest, "rms": size.rms}
+        found.append(Fact(NAME, text, doubted.get(name, ""), name, numbers=numbers, remark=name in doubted))
     return found

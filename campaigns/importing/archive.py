@@ -7,7 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.importing.clock import Clock, Stamps, clock_start, cost_text, resampled
+from campaigns.facts.resampled import fact as resampled_fact
+from campaigns.facts.resampled import resampling
+from campaigns.importing.clock import Clock, Stamps, clock_start, resampled
 from campaigns.importing.gathering import Files, Part, stamps_of
 from campaigns.importing.mapping import ImportMap, PartMap
 from campaigns.importing.record import Layout, to_si, unwrapped
@@ -61,20 +63,16 @@ def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit]
     if count < 2:
         raise DataError(f"{where}the channels of the archive have no time in common: select others, or import apart")
     grid = first + np.arange(count) / log.sample_rate_hz
-    filled, remarks = {}, []
+    label, given = (part.label, part.settings) if part else ("", {})
+    filled, facts = {}, []
     for channel, (stamps, readings) in series.items():
         settings = found.channels[channel]
         readings = readings if settings.unwrap is None else unwrapped(readings, settings.unwrap)
-        drawn, cost = resampled(stamps, readings, grid, log.resample)
+        drawn, error = resampled(stamps, readings, grid, log.resample)
         filled[channel] = to_si(drawn, settings, units[channel], f"{where}channel '{channel}'")
-        rate_hz = 1.0 / float(np.median(np.diff(stamps)))
-        remarks.append(
-            f"{where}channel '{channel}' has {stamps.size} readings, {rate_hz:.4g} a second, and is brought to "
-            f"{log.sample_rate_hz:g} Hz ({log.resample}); {cost_text(cost)}"
-        )
-    label, given = (part.label, part.settings) if part else ("", {})
+        facts.append(resampled_fact(channel, label, label, resampling(stamps, grid, log.resample, error)))
     clock = Clock(log.sample_rate_hz, clock_start(Stamps(grid, found_stamps.origin_ns)), read_as)
-    return Part(label, given, filled, Layout(count, 1, 1), clock, tuple(remarks))
+    return Part(label, given, filled, Layout(count, 1, 1), clock, tuple(facts))
 
 
 def _selected(found: ImportMap, part: PartMap | None) -> dict[str, str]:

@@ -206,12 +206,6 @@ def resampled(time_s: Array, values: Array, grid_s: Array, method: Method) -> tu
     return drawn, float(np.sqrt(np.mean((again - values[left]) ** 2))) / spread
 
 
-def cost_text(cost: float) -> str:
-    """Return the cost of resampling in words."""
-    known = f"that costs about {100.0 * cost:.2f} % of its rms"
-    return "how much that costs cannot be known" if np.isnan(cost) else known
-
-
 def _drawn(time_s: Array, values: Array, at_s: Array, method: Method) -> Array:
     if method == "linear":
         return np.interp(at_s, time_s, values)

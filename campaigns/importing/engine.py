@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.facts import RELATIONS, Fact, Seen, found_in, whole
+from campaigns.facts.resampled import NAME as RESAMPLED
 from campaigns.importing.archive import gather_archive
 from campaigns.importing.gathering import Files, Part, gather
 from campaigns.importing.mapping import ImportMap, PartMap, read_map
@@ -93,7 +94,8 @@ def import_run(
         ]
         columns = _joined(found, parts)
         rows = sum(part.layout.rows for part in parts)
-        facts = found_in(Seen(columns, {c.name: c for c in channels}, segments or whole(rows), rate_hz))
+        seen = Seen(columns, {c.name: c for c in channels}, segments or whole(rows), rate_hz)
+        facts = (*(fact for part in parts for fact in part.facts), *found_in(seen))
         for fact in facts:
             # what has no better value is refused where it is used: import and log keep what was measured
             if fact.refuses_import:
@@ -104,8 +106,7 @@ def import_run(
     told = part_of(report, GATHERING, 1.0)
     written = _Written(found, _configuration(text, files, facts), note)
     run_uid = _write(Path(target), written, channels, columns, segments, told)
-    remarks = [remark for part in parts for remark in part.remarks]
-    remarks += [fact.told for fact in facts if fact.remark]
+    remarks = [fact.told for fact in facts if fact.remark or fact.name == RESAMPLED]
     read_as = parts[0].clock.read_as
     return ImportReport(Path(target), run_uid, rows, rate_hz, tuple(channels), tuple(segments), read_as, tuple(remarks))
 

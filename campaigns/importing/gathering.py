@@ -12,6 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts import Fact
+from campaigns.facts.resampled import Resampling, resampling
+from campaigns.facts.resampled import fact as resampled_fact
 from campaigns.importing.clock import (
     LATEST_S,
     SECONDS,
@@ -19,7 +22,6 @@ from campaigns.importing.clock import (
     Stamps,
     ascending,
     clock_of,
-    cost_text,
     dates,
     grid_of,
     resampled,
@@ -47,14 +49,14 @@ MOST_OPEN = 8
 
 @dataclass(frozen=True)
 class Part:
-    """A stretch of the record: its channels (n,) in SI, how they lay in the source, their clock, and remarks."""
+    """A stretch of the record: its channels (n,) in SI, how they lay in the source, their clock, what was resampled."""
 
     label: str
     settings: Mapping[str, Any]
     columns: Mapping[str, Array]
     layout: Layout
     clock: Clock
-    remarks: tuple[str, ...]
+    facts: tuple[Fact, ...]
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ def gather(files: Files, part: PartMap | None, units: Mapping[str, Unit], report
     log, channels = files.map.log, files.map.channels
     columns: dict[str, Array] = {}
     layouts: dict[str, Layout] = {}
-    remarks: list[str] = []
+    onto: dict[str, Resampling] = {}
     for i, (name, channel) in enumerate(channels.items()):
         what = f"{where}channel '{name}'"
         report(i, len(channels), f"reading {what}")
@@ -146,14 +148,16 @@ def gather(files: Files, part: PartMap | None, units: Mapping[str, Unit], report
         else:
             clock, grid = grid_of(stamps, what, read_as)
             ours = {name: column for name, column in columns.items() if name not in apart}
-            layout = _on_grid(log, stamps.after_s, grid, ours, columns, layout, what, remarks)
+            layout = _on_grid(log, stamps.after_s, grid, ours, columns, layout, what, onto)
     first_s = float(stamps.after_s[0]) if stamps.after_s.size else 0.0
     rows = Stamps(first_s + np.arange(layout.rows) / clock.rate_hz, stamps.origin_ns)
     for name in sorted(apart):
         what = f"{where}channel '{name}'"
-        _join(files, part, channels[name], name, rows, columns, what, remarks)
+        onto[name] = _join(files, part, channels[name], name, rows, columns, what)
     label, settings = (part.label, part.settings) if part else ("", {})
-    return Part(label, settings, columns, layout, clock, tuple(remarks))
+    segment = "" if "realisation" in log.axes else label
+    facts = tuple(resampled_fact(name, label, segment, onto[name]) for name in channels if name in onto)
+    return Part(label, settings, columns, layout, clock, facts)
 
 
 def _column(
@@ -240,21 +244,15 @@ def _on_grid(
     columns: dict[str, Array],
     layout: Layout,
     what: str,
-    remarks: list[str],
+    onto: dict[str, Resampling],
 ) -> Layout:
-    """Put the columns on the uniform grid and return their layout; says what that costs."""
+    """Put the columns on the uniform grid and return their layout; adds how each was resampled."""
     assert log.resample is not None
     if layout.rows != stamps.size or layout.samples != layout.rows:
         raise ConfigError(f"{what}: resample takes one stamp per sample; import realisations and periods as parts")
-    costs = {}
     for name, column in ours.items():
-        columns[name], costs[name] = resampled(stamps, column, grid, log.resample)
-    added = grid.size - stamps.size
-    remarks.append(
-        f"{what}: {added} samples were absent and are drawn, all others moved to a grid of {grid.size} samples "
-        f"({log.resample})"
-    )
-    remarks += [f"'{name}' on that grid: {cost_text(cost)}" for name, cost in costs.items()]
+        columns[name], error = resampled(stamps, column, grid, log.resample)
+        onto[name] = resampling(stamps, grid, log.resample, error)
     return Layout(grid.size, 1, 1)
 
 
@@ -266,9 +264,8 @@ def _join(
     rows: Stamps,
     columns: dict[str, Array],
     what: str,
-    remarks: list[str],
-) -> None:
-    """Bring a channel with a clock of its own to the rows of the log."""
+) -> Resampling:
+    """Bring a channel with a clock of its own to the samples of the log and return how."""
     log, own = files.map.log, columns[name]
     assert log.resample is not None  # the map was checked to say it
     if channel.time is not None:
@@ -286,8 +283,8 @@ def _join(
             f"{what} lasts from {time_s[0]:.6g} to {time_s[-1]:.6g} s, the log from {wanted[0]:.6g} to "
             f"{wanted[-1]:.6g} s on the same clock: select the stretch that all channels have"
         )
-    columns[name], cost = resampled(time_s, own, wanted, log.resample)
-    remarks.append(f"{what}: brought to the clock of the log ({log.resample}); {cost_text(cost)}")
+    columns[name], error = resampled(time_s, own, wanted, log.resample)
+    return resampling(time_s, wanted, log.resample, error)
 
 
 def _check_period(found: ImportMap, layout: Layout, where: str) -> None:

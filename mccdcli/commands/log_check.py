@@ -14,7 +14,7 @@ from mccdcli.output import emit, table
 @existing_file("run")
 @common_options("json")
 def check(run: Path, as_json: bool) -> int:
-    """Check what a log shows about itself: sizes, periods, samples at rest, slow sensors, steps, clipping, wraps.
+    """Check what a log shows about itself: sizes, units, periods, dead channels, slow sensors, steps, clipping.
 
     Checks inputs and outputs together for transients, clocks that differ, a closed loop, delays and coherence, and says
     what each finding means for identify and diagnose.
@@ -27,12 +27,16 @@ def check(run: Path, as_json: bool) -> int:
       mccd log check RUN.h5 --json
     """
     from campaigns.facts import all_facts_of, missing_in
+    from campaigns.facts.bands import bands_text
     from campaigns.log import read_run
 
     with read_run(run) as log:
         facts, anew, uid = all_facts_of(log), missing_in(log), log.run_uid
     forbidden = any(fact.forbids for fact in facts)
-    rows = [(fact.name, fact.finding, ("FORBIDS: " if fact.forbids else "") + fact.means) for fact in facts]
+    rows = []
+    for fact in facts:
+        rows.append((fact.name, fact.finding, ("FORBIDS: " if fact.forbids else "") + fact.means))
+        rows += [("", bands_text(fact.bands), "")] if fact.bands else []
     text = table(rows, heads=("fact", "finding", "what it means"))
     if anew:
         text += f"\n\nfound just now, for the log does not hold them: {', '.join(anew)}"

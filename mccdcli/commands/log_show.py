@@ -12,6 +12,7 @@ from mccdcli.options import common_options, existing_file
 from mccdcli.output import emit, plain, table
 
 if TYPE_CHECKING:
+    from campaigns.facts.sizes import Sizes
     from campaigns.log import Run
 
 
@@ -19,20 +20,27 @@ if TYPE_CHECKING:
 @existing_file("run")
 @common_options("json")
 def show(run: Path, as_json: bool) -> None:
-    """Show what a log holds: its run, its channels and its segments.
+    """Show what a log holds: its run, its channels with their sizes, its segments.
+
+    Sizes are smallest value, largest value and rms about the mean; a wrong unit is seen there. Facts that an import has
+    left in the log are listed; `mccd log check` finds those of any log.
 
     \b
     Examples:
       mccd log show RUN.h5
       mccd log show RUN.h5 --json
     """
+    from campaigns.facts import sizes_of
     from campaigns.log import read_run
 
     with read_run(run) as log:
-        emit(_described(log), as_json=as_json, text=_text(log))
+        sizes = sizes_of(log)
+        emit(_described(log, sizes), as_json=as_json, text=_text(log, sizes))
 
 
-def _described(log: Run) -> dict[str, Any]:
+def _described(log: Run, sizes: Sizes) -> dict[str, Any]:
+    from campaigns.facts import stored_facts
+
     return {
         "file": log.path,
         **plain(log.header),
@@ -40,10 +48,16 @@ def _described(log: Run) -> dict[str, Any]:
         "sample_rate_hz": log.sample_rate_hz,
         "channels": list(log.channels.values()),
         "segments": [{**plain(segment), "held_out": segment.held_out} for segment in log.segments],
+        "sizes": sizes.by_channel,
+        "sized_samples": sizes.samples,
+        "unknown_sizes": sizes.unknown,
+        "facts": list(stored_facts(log)),
     }
 
 
-def _text(log: Run) -> str:
+def _text(log: Run, sizes: Sizes) -> str:
+    from campaigns.facts import stored_facts
+
     header = log.header
     reason = f" ({header.status_reason})" if header.status_reason else ""
     facts = [
@@ -57,7 +71,19 @@ def _text(log: Run) -> str:
         ("seed", "none" if header.seed is None else str(header.seed)),
         ("length", length_text(log.rows, log.sample_rate_hz)),
     ]
-    from campaigns.facts import stored_facts
+    told = [(fact.name, fact.finding) for fact in stored_facts(log) if fact.name != "size"]  # it is in the table
+    parts = [
+        table(facts),
+        channels_text(log.channels.values(), sizes.by_channel),
+        *_remarks_on(sizes, log.rows),
+        segments_text(log.segments),
+        *([table(told, heads=("fact", "finding"))] if told else []),
+    ]
+    return "\n\n".join(parts)
 
-    sizes = {fact.channel: fact.numbers for fact in stored_facts(log) if fact.name == "size"}
-    return "\n\n".join([table(facts), channels_text(log.channels.values(), sizes), segments_text(log.segments)])
+
+def _remarks_on(sizes: Sizes, rows: int) -> list[str]:
+    remarks = [f"no size of {name}: {why}" for name, why in sizes.unknown.items()]
+    if sizes.samples < rows:
+        remarks.append(f"sizes are of the first {sizes.samples} samples: mccd log summary reads all")
+    return ["\n".join(remarks)] if remarks else []

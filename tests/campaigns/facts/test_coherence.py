@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from campaigns.facts import Fact, found_in
+from campaigns.facts.bands import bands_text
 from tests.campaigns.facts import drawn
 
 KINDS = ("white", "coloured", "steps", "multisine", "repeated noise")
@@ -68,3 +69,69 @@ def test_inputs_that_change_from_period_to_period_explain_what_does_not_repeat()
     u = np.tile(rng.standard_normal(1000), 8) + rng.standard_normal(8000)
     (fact,) = told(u, u + 0.01 * rng.standard_normal(u.size), 1000)
     assert fact.numbers["explained"] > 0.99 and not fact.remark
+
+
+def coloured(rng: np.random.Generator, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return an input with noise that grows with frequency, and a frequency response of that noise for white noise."""
+    taps = 0.6 * np.array([1.0, -0.95])
+    return u + np.convolve(rng.standard_normal(u.size + 1), taps)[1:-1], taps
+
+
+def known_share(frequency_hz: np.ndarray, power: np.ndarray, taps: np.ndarray) -> np.ndarray:
+    """Return the coherence of an input of `power` per line with itself and white noise through `taps`."""
+    noise = np.abs(np.exp(-2j * np.pi * np.outer(frequency_hz, np.arange(taps.size)) / drawn.RATE_HZ) @ taps) ** 2
+    return power / (power + noise)
+
+
+@pytest.mark.parametrize("periods", [0, 4, 16])
+def test_coherence_by_thirds_of_an_octave_is_the_known_one(periods):
+    """Four standard deviations are allowed: sqrt(2) |γ| (1 - γ²) / sqrt(n) of γ², n averages times lines of a band
+    (Bendat & Piersol, 4th edition, table 9.6), and as much as 1 / n, which is the one of no coherence."""
+    rng = np.random.default_rng(106)
+    if periods:
+        length, averages = 2048, periods - 1
+        spectrum = np.zeros(length // 2 + 1, dtype=complex)
+        spectrum[10:820] = np.exp(2j * np.pi * rng.uniform(size=810)) * length / 2.0 / np.sqrt(810.0 / 2.0)
+        u = np.tile(np.fft.irfft(spectrum, length), periods)
+        power, lines = length / 2.0 / 810.0, np.arange(10, 820)  # of white noise of size one: an equal part per line
+    else:
+        u, length, power = rng.standard_normal(60_000), 8192, 1.0
+        lines, averages = np.arange(1, length // 2), 60_000 / length
+    y, taps = coloured(rng, u)
+    (fact,) = told(u, y, length if periods else 0)
+    frequency_hz = lines * drawn.RATE_HZ / length
+    share = known_share(frequency_hz, np.full(lines.size, power), taps)
+    number = np.rint(10.0 * np.log10(frequency_hz)).astype(int)
+    assert [round(10.0 * np.log10(band.frequency_hz)) for band in fact.bands] == np.unique(number).tolist()
+    for band, k in zip(fact.bands, np.unique(number), strict=True):
+        right = float(1.0 / np.mean(1.0 / share[number == k]))  # equal signal per line: powers are summed
+        n = averages * int((number == k).sum())
+        allowed = 4.0 * (np.sqrt(2.0 * right) * (1.0 - right) / np.sqrt(n) + 1.0 / n)
+        assert band.share == pytest.approx(right, abs=allowed), band
+    shares = [band.share for band in fact.bands]
+    assert max(shares) > 0.95 and shares[-1] < 0.6
+
+
+def test_the_line_of_a_curve_has_a_dash_where_nothing_was_played():
+    rng = np.random.default_rng(107)
+    t = np.arange(8000)
+    u = np.sin(2 * np.pi * 0.01 * t) + np.sin(2 * np.pi * 0.02 * t + 1.0)
+    (fact,) = told(u, u + 1e-4 * rng.standard_normal(t.size), 1000)
+    assert [round(band.frequency_hz, 3) for band in fact.bands] == [10.0, 19.953]
+    assert bands_text(fact.bands) == "in thirds of an octave, 10 to 20 Hz: 100 – – 100 %"
+
+
+@pytest.mark.parametrize("inputs", [1, 2, 3])
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
+def test_what_chance_adds_is_taken_off_once(inputs, share):
+    """Of white noise the mean over records is right to four of its standard deviations, whatever the inputs."""
+    found = []
+    for case in range(20):
+        rng = np.random.default_rng([108, inputs, case])
+        u = rng.standard_normal((8000, inputs))
+        moved = u.sum(axis=1) / np.sqrt(inputs)
+        (fact,) = told(u, np.sqrt(share) * moved + np.sqrt(1.0 - share) * rng.standard_normal(8000))
+        found.append(fact.numbers["explained"])
+    # a share below zero is told as none: the mean of a normal number cut off there is 0.683 of its deviation
+    cut_off = 0.683 if share == 0.0 else 0.0
+    assert np.mean(found) == pytest.approx(share, abs=(4.0 / np.sqrt(len(found)) + cut_off) * np.std(found))

@@ -57,7 +57,8 @@ def test_show_for_a_person_keeps_control_characters_from_the_terminal(
     assert main(["log", "show", str(run)]) == 0
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["length", "1000", "samples", "at", "10000", "Hz,", "0.1", "s"] in lines
-    assert ["angle", "rad", "output", "theta_x"] in lines
+    size = [f"{value:.6g}" for value in (0.0, 1e-3, ANGLE_RAD.std())]
+    assert ["angle", "rad", "output", "theta_x", *size] in lines
     assert ["held-out", "600", "1000"] in lines
     assert ["bench", "kind", "sim,", "name", "θ-mirror", r"\x1b[31m"] in lines
 
