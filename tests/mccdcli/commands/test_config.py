@@ -227,9 +227,25 @@ def test_a_value_is_shown_as_one_types_it(command, option, given, tmp_path, caps
     assert line.split()[1] == given
 
 
-def test_a_share_is_typed_in_percent_or_bare_as_before(capsys):
-    def value(command: str, option: str, text: str) -> object:
-        return shown(capsys, command, f"--{option}", text)[command][option]["value"]
+@pytest.mark.parametrize(
+    ("command", "option", "typed", "fraction", "largest"),
+    [
+        ("diagnose", "nominal-tolerance", "3%", 0.03, 100),
+        ("investigate", "nominal-tolerance", "1.73 %", 0.0173, 100),
+        ("design", "tolerance", "0.1%", 0.001, 50),
+    ],
+)
+def test_a_share_is_typed_in_percent_and_never_bare(command, option, typed, fraction, largest, here, capsys):
+    write(here / "run.h5", "")
+    words = [command, "--model", "design", *(["run.h5"] if command == "diagnose" else [])]
 
-    assert value("diagnose", "nominal-tolerance", "3%") == value("diagnose", "nominal-tolerance", "0.03") == 0.03
-    assert value("design", "tolerance", "0.1%") == value("design", "tolerance", "0.1") == 0.001
+    def refusal(*arguments: str) -> str:
+        capsys.readouterr()
+        assert main([*words, *arguments]) == 2
+        return capsys.readouterr().err
+
+    assert shown(capsys, command, f"--{option}", typed)[command][option]["value"] == fraction
+    assert "0.02 may be a fraction or percent; write 2% or 0.02%." in refusal(f"--{option}", "0.02")
+    assert f"<{largest}." in refusal(f"--{option}", f"{largest + 1}%").replace("=", "")
+    write(here / "mccd.toml", f"[{command}]\n{option} = 0.02\n")  # a file says what one types
+    assert "write 2% or 0.02%" in refusal()
