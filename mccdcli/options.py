@@ -91,12 +91,8 @@ class Percent(RealRange):
         text = str(value).strip()
         percent = Real().convert(text.removesuffix("%").rstrip(), param, ctx)
         if not text.endswith("%"):
-            self.fail(f"{text} may be a fraction or percent; write {self.typed(percent)} or {text}%.", param, ctx)
+            self.fail(f"{text} may be a fraction or percent; write {100.0 * percent:.12g}% or {text}%.", param, ctx)
         return super().convert(percent, param, ctx) / 100.0
-
-    def typed(self, value: float) -> str:
-        """Return a fraction as one types it: the inverse of `convert`."""
-        return f"{100.0 * value:.12g}%"
 
 
 class WholeRange(click.IntRange):
