@@ -30,8 +30,8 @@ def part_of(report: Report, start: float, stop: float) -> Report:
 class TimeLeft:
     """What is known of the time left from how far the work was at each moment, shares never falling.
 
-    A time is told while three estimates agree: by the pace from the beginning, by that of the last fifth of the time
-    gone by, and what was foretold at every moment of its later half. After a change of pace nothing is told until the
+    A time is shown while three estimates agree: by the pace from the beginning, by that of the last fifth of the time
+    gone by, and what was predicted at every moment of its later half. After a change of pace nothing is shown until the
     new one has lasted.
     """
 

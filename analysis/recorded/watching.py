@@ -65,7 +65,7 @@ class Misfit:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A run at one moment; `left_s` is of the clock on the wall, None until it can be told."""
+    """A run at one moment; `left_s` is of the clock on the wall, None until it is known."""
 
     run_uid: str
     test: str
@@ -192,7 +192,7 @@ class _Growth:
         self._seen = now_s, rows
 
     def left_s(self, now_s: float) -> float | None:
-        """Return how long what is left takes from now; None until that is known within a factor of two.
+        """Return how long the missing samples take from now; None until that is known within a factor of two.
 
         It is not before samples came twice, the times of which are known to half of what passed between them, nor where
         samples are overdue by twice the longest time between any, nor after a change of pace (`TimeLeft`).
