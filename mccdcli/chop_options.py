@@ -45,10 +45,6 @@ class Form(click.ParamType[tuple[float, float]]):
             self.fail(f"{value!r} is not a pair of positions; write both in mrad, as in 0:+8.5", param, ctx)
         return positions
 
-    def typed(self, value: tuple[float, float]) -> str:
-        """Return positions in rad as one types them: the inverse of `convert`."""
-        return f"{1e3 * value[0]:.12g}:{1e3 * value[1]:+.12g}"
-
 
 def chop_options(command: F) -> F:
     """Decorator that adds the options of a chop.

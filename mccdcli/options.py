@@ -82,24 +82,17 @@ class RealRange(Real, click.FloatRange):
 
 
 class Percent(RealRange):
-    """A share as `3%`, kept as a fraction; a bare number is in units of `bare`: 1 is a fraction, 0.01 percent."""
+    """A share as `3%`, kept as a fraction; limits are in percent. Without `%` it could be either, and is refused."""
 
     name = "percent"
-
-    def __init__(self, bare: float, *, most: float, min_open: bool = False, max_open: bool = False) -> None:
-        """`most` is the largest fraction."""
-        super().__init__(0.0, most, min_open=min_open, max_open=max_open)
-        self.bare = bare
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the fraction, else end with a usage error."""
         text = str(value).strip()
-        number = Real().convert(text.removesuffix("%"), param, ctx)
-        return super().convert(number * (0.01 if text.endswith("%") else self.bare), param, ctx)
-
-    def typed(self, value: float) -> str:
-        """Return a fraction as one types it: the inverse of `convert`."""
-        return f"{100.0 * value:.12g}%"
+        percent = Real().convert(text.removesuffix("%").rstrip(), param, ctx)
+        if not text.endswith("%"):
+            self.fail(f"{text} may be a fraction or percent; write {100.0 * percent:.12g}% or {text}%.", param, ctx)
+        return super().convert(percent, param, ctx) / 100.0
 
 
 class WholeRange(click.IntRange):

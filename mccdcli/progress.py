@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from mccdcli.output import say
-from mccdcli.timeleft import TimeLeft
 
 # report(done, total, what): how much of the work is done, in any unit, and what is being done now
 Report = Callable[[float, float, str], None]
@@ -37,6 +36,8 @@ def _bar(title: str) -> Iterator[Report]:
     from rich.markup import escape
     from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskProgressColumn, TextColumn
     from rich.text import Text
+
+    from campaigns.progress import TimeLeft
 
     left = TimeLeft(time.monotonic())
 
@@ -76,6 +77,8 @@ def _forward(report: Report) -> Report:
 
 
 def _lines(title: str, clock: Callable[[], float] = time.monotonic) -> Report:
+    from campaigns.progress import TimeLeft  # --help shows the progress of nothing
+
     left = TimeLeft(clock())
     due_s = clock() + LINE_PERIOD_S
 

@@ -8,12 +8,13 @@ import select
 import signal
 import socket
 import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from tests.running import MCCD, PYTHON, REAL, mccd
+from tests.running import MCCD, PYTHON, REAL, mccd, unmeasured
 from tests.running.client import SOCKET, connected
 
 TOLD = "import json, os, sys; print(json.dumps([sys.argv, os.getcwd(), os.environ['TOLD'], sys.stdin.read()]))"
@@ -95,3 +96,17 @@ def test_clients_that_go_away_at_any_moment_leave_the_server_to_the_others() -> 
                 connection.sendall(sent[8:])
     done = subprocess.run([*PYTHON, "-c", "print('here')"], capture_output=True, text=True, timeout=60)
     assert done.stdout == "here\n", done.stderr
+
+
+def test_a_process_whose_writing_is_watched_leaves_no_counts_of_coverage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("coverage", reason="comes with the extra dev")
+    (tmp_path / "settings").write_text(f"[run]\ndata_file = {tmp_path}/counts\n")
+    monkeypatch.delenv("COVERAGE_PROCESS_CONFIG", raising=False)
+    monkeypatch.setenv("COVERAGE_PROCESS_START", str(tmp_path / "settings"))
+    command = [sys.executable, "-c", "import json"]
+    subprocess.run(command, env=unmeasured(), check=True, timeout=60)
+    assert not list(tmp_path.glob("counts*"))
+    subprocess.run(command, env=os.environ, check=True, timeout=60)
+    assert list(tmp_path.glob("counts*")), "else the first run says nothing"

@@ -175,7 +175,7 @@ class _Work:
         out = folder_within(folder_within(self.folder, RESULTS), name).resolve()
         runs = sorted(p.name for p in case.glob("run-*.h5"))
         without = [word for slug in left_out for word in ("--without", slug)]
-        tolerance = ["--nominal-tolerance", f"{nominal_error(self.folder) / 3.0**0.5:.4f}"]
+        tolerance = ["--nominal-tolerance", f"{100.0 * nominal_error(self.folder) / 3.0**0.5:.2f}%"]
         arguments = [*self.command, *runs, "--model", "nominal.toml", "-o", str(out), *tolerance, *without]
         started = time.monotonic()
         with whole_file(out / "words.txt") as words:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,12 +81,12 @@ class AxisDesign:
 
 @dataclass(frozen=True)
 class Designed:
-    """A controller with its axes, the limit of the amplifiers, and what it was made from."""
+    """A controller with its axes, the limit of the amplifiers, and what it was made from: each run's UID and note."""
 
     controller: Controller
     axes: tuple[AxisDesign, ...]
     limit_a: float
-    sources: tuple[str, ...]
+    sources: Mapping[str, str]
     options: Options
 
 
@@ -131,7 +131,8 @@ def design_controller(
         axes=[one.control for one in made],
         to_current=limits.to_current.tolist(),
     )
-    return Designed(controller, tuple(made), float(limits.current_a), tuple(run.run_uid for run in runs), opts)
+    sources = {run.run_uid: run.header.note for run in runs}
+    return Designed(controller, tuple(made), float(limits.current_a), sources, opts)
 
 
 def _design_axis(

@@ -55,7 +55,7 @@ def _sensitivity(designed: Designed) -> Canvas:
         axes.axhline(PEAK_DB, color=COLOURS[1], linewidth=0.8, linestyle="--")
         axes.set_xscale("log")
         axes.set_ylim(-60.0, 10.0)
-        canvas.legend(i, loc="lower right")
+    canvas.legend_outside()
     return canvas
 
 

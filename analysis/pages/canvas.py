@@ -64,6 +64,12 @@ MAX_POINTS = 4000
 """Longest curve that is drawn in full; longer ones show the smallest and largest sample of every stretch."""
 
 
+def look(k: int) -> dict[str, Any]:
+    """Return colour, dash and mark of curve `k`; the eighth has the first colour again, with another dash and mark."""
+    other = (k + k // len(COLOURS)) % len(DASHES)
+    return {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[other], "marker": MARKS[other]}
+
+
 @dataclass
 class Canvas:
     """Axes in a grid and the numbers that were drawn on them, one row per point."""
@@ -82,6 +88,7 @@ class Canvas:
     _style: Any = field(init=False)
     _finished: bool = field(init=False, default=False)
     _titles: dict[int, str] = field(init=False, default_factory=dict)
+    _looks: dict[tuple[Any, ...], dict[str, int]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self.title = printed(self.title)
@@ -122,23 +129,23 @@ class Canvas:
         return "\n".join(lines).replace(_KEPT, " ") or text
 
     def line(self, i: int, series: str, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
-        """Draw a curve (n,) on panel `i`, thinned where it is long, in its colour's dash, and keep what was drawn."""
+        """Draw a curve (n,) on panel `i`, thinned where it is long, in a dash of its own, and keep what was drawn."""
         xs, ys = thinned(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         self._keep(i, series, xs, ys)
         with self._styled():
             (drawn,) = self.axes[i].plot(xs, ys, label=printed(series), **style)
         if "linestyle" not in style:
-            drawn.set_linestyle(_own(DASHES, drawn.get_color()))
+            drawn.set_linestyle(self._own(i, series, DASHES, drawn.get_color()))
 
     def points(self, i: int, series: str, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
-        """Draw single points (n,) on panel `i`, all of them, with the mark of their colour, and keep them."""
+        """Draw single points (n,) on panel `i`, all of them, with a mark of their own, and keep them."""
         xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         self._keep(i, series, xs, ys)
         with self._styled():
             look = {"linestyle": "none", "marker": "o", "label": printed(series), **style}
             (drawn,) = self.axes[i].plot(xs, ys, **look)
         if "marker" not in style:
-            drawn.set_marker(_own(MARKS, drawn.get_color()))
+            drawn.set_marker(self._own(i, series, MARKS, drawn.get_color()))
 
     def bars(self, i: int, series: str, centre: ArrayLike, height: ArrayLike, width: float, **style: Any) -> None:
         """Draw bars (n,) on panel `i` and keep them."""
@@ -241,6 +248,20 @@ class Canvas:
 
         return mpl.rc_context(self._style)
 
+    def _own(self, i: int, series: str, looks: tuple[Any, ...], colour: Any) -> Any:
+        """Return the look that goes with a colour, or the next one that no other series of that colour has on a panel.
+
+        A series that another panel has is drawn as there, if that is free.
+        """
+        before = self._looks.setdefault((looks, colour), {})
+        here = self._looks.setdefault((looks, colour, i), {})
+        if series not in here:
+            first = before.get(series, COLOURS.index(colour) if colour in COLOURS else 0)
+            order = [(first + further) % len(looks) for further in range(len(looks))]
+            here[series] = next((k for k in order if k not in here.values()), first)
+            before.setdefault(series, here[series])
+        return looks[here[series]]
+
     def _keep(self, i: int, series: str, x: Array, y: Array) -> None:
         import pandas as pd
 
@@ -292,11 +313,6 @@ def _whole(ticks: Array) -> Callable[[float, Any], str]:
 
 def _power_of_ten(value: float, _at: int | None = None) -> str:
     return re.sub(r"^1·(?=10)", "", readable(value, 2))
-
-
-def _own(looks: tuple[Any, ...], colour: Any) -> Any:
-    """Return which of the `looks` goes with a colour; the first where it is none of `COLOURS`."""
-    return looks[COLOURS.index(colour)] if colour in COLOURS else looks[0]
 
 
 def thinned(x: Array, y: Array, most: int = MAX_POINTS) -> tuple[Array, Array]:

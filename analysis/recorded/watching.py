@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from analysis.linear.simulate import delayed, recur
 from campaigns.log import Run, read_run
+from campaigns.progress import TimeLeft
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import DiscreteModel, delay_taps, discretise
 from sim_backend.model import Model, Port
@@ -155,10 +156,8 @@ class Watch:
         self._follower.advance(run)
 
     def _left(self, run: Run, now_s: float) -> float | None:
-        self._growth.add(now_s, run.rows)
-        if run.status != "running":
-            return 0.0
-        return None if run.expected_rows is None else self._growth.left_s(run.expected_rows, now_s)
+        self._growth.add(now_s, run.rows, run.expected_rows or 0)
+        return self._growth.left_s(now_s) if run.status == "running" else 0.0
 
 
 @dataclass(frozen=True)
@@ -178,21 +177,25 @@ class _Growth:
         self._first: _Grown | None = None
         self._last: _Grown | None = None
         self._longest_s = 0.0
+        self._left = TimeLeft(0.0)
 
-    def add(self, now_s: float, rows: int) -> None:
-        """Note how many samples there are now."""
+    def add(self, now_s: float, rows: int, expected: int) -> None:
+        """Note how many samples there are now, and how many there will be; zero where nobody knows."""
         if self._seen is not None and rows > self._seen[1]:
             grown = _Grown(now_s, now_s - self._seen[0], rows)
-            self._first = self._first or grown
+            if self._first is None:
+                self._first, self._left = grown, TimeLeft(now_s)
+            if expected > self._first.rows:
+                self._left.seen(min((rows - self._first.rows) / (expected - self._first.rows), 1.0), now_s)
             self._longest_s = max(self._longest_s, now_s - (self._last or grown).at_s)
             self._last = grown
         self._seen = now_s, rows
 
-    def left_s(self, expected: int, now_s: float) -> float | None:
-        """Return how long `expected` samples take from now; None until that is known within a factor of two.
+    def left_s(self, now_s: float) -> float | None:
+        """Return how long the missing samples take from now; None until that is known within a factor of two.
 
         It is not before samples came twice, the times of which are known to half of what passed between them, nor where
-        samples are overdue by twice the longest time between any.
+        samples are overdue by twice the longest time between any, nor after a change of pace (`TimeLeft`).
         """
         first, last = self._first, self._last
         if first is None or last is None or last.rows == first.rows:
@@ -200,8 +203,8 @@ class _Growth:
         passed = last.at_s - first.at_s
         if passed < 2.0 * max(first.unseen_s, last.unseen_s) or now_s - last.at_s > 2.0 * self._longest_s:
             return None
-        whole = max(expected - last.rows, 0) * passed / (last.rows - first.rows)
-        return max(whole - (now_s - last.at_s), 0.0)
+        left_s = self._left.left_s(last.at_s)
+        return None if left_s is None else max(left_s - (now_s - last.at_s), 0.0)
 
 
 class _Follower:

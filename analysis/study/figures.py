@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.pages.canvas import COLOURS, PAPER, Canvas
+from analysis.pages.canvas import COLOURS, PAPER, Canvas, look
 from analysis.study.definition import Swept
 from analysis.study.kinds import Column
 from analysis.study.store import Store
 from analysis.study.summary import Point, Share, Summary
 from analysis.study.trial import Job
 
-MOST_SERIES = len(COLOURS)
+MOST_SERIES = 2 * len(COLOURS)
+"""Most curves in a panel; the figure says how many more there are."""
+
+ENTRY_IN = 0.2
+"""Height of an entry of the legend above the panels, where curves are too many for one inside."""
 
 SHOWN = {"_s": (1e3, "ms"), "_rad": (1e6, "µrad"), "_m": (1e6, "µm")}
 """How a figure shows a result by the unit that its name ends in; others as they are."""
@@ -27,23 +32,28 @@ _WIDE = 2
 
 
 def study_figure(job: Job, store: Store, summary: Summary) -> Canvas:
-    """Return the figure: one panel for every number and flag, one colour for each point, or series of points."""
+    """Return the figure: one panel for every number and flag, one look for each point, or series of points."""
     shown = [c for c in job.columns if c.kind != "text"]
     columns = min(_WIDE, len(shown))
     rows = -(-len(shown) // columns)
     along = _swept_number(job)
+    series = _series(along, summary)
+    above_in = ENTRY_IN * min(len(series), MOST_SERIES + 1) if len(series) > len(COLOURS) else 0.0
     canvas = Canvas(
         title=job.study.title or job.study.name,
         caption="",
         rows=rows,
         columns=columns,
-        size=(4.4 * columns, 3.1 * rows),
+        size=(4.4 * columns, 3.1 * rows + above_in),
     )
     for i, column in enumerate(shown):
         if along is None:
             _distribution(canvas, i, column, job, store, summary)
         else:
-            _curve(canvas, i, column, along, summary)
+            _curve(canvas, i, column, along, series)
+    # shares of points that no number is swept along have one look: the points are counted along the axis
+    named = (i for i, column in enumerate(shown) if along is not None or column.kind != "flag")
+    _legend(canvas, next(named, None), len(series))
     for axes in canvas.axes[len(shown) :]:
         axes.set_visible(False)
     return canvas
@@ -56,6 +66,28 @@ def _swept_number(job: Job) -> str | None:
         if len(values) > 2 and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
             return one.place
     return None
+
+
+def _series(along: str | None, summary: Summary) -> dict[str, list[Point]]:
+    """Return the points that one curve shows, by its name: those along the swept number, else each alone."""
+    found: dict[str, list[Point]] = {}
+    for point in summary.points:
+        found.setdefault(_label({place: value for place, value in point.at.items() if place != along}), []).append(
+            point
+        )
+    return found
+
+
+def _legend(canvas: Canvas, i: int | None, series: int) -> None:
+    """Name the curves: on panel `i` where they are few, else above all; say how many are not drawn."""
+    if i is None or series < 2:
+        return
+    if series > MOST_SERIES:
+        canvas.axes[i].plot([], [], " ", label=f"and {series - MOST_SERIES} more, in study.json")
+    if series <= len(COLOURS):
+        canvas.legend(i, loc="best")
+    else:
+        canvas.legend_outside()
 
 
 def _label(at: Mapping[str, Swept]) -> str:
@@ -85,7 +117,7 @@ def _limit(column: Column, drawn: ArrayLike) -> tuple[float | None, str]:
 def _distribution(canvas: Canvas, i: int, column: Column, job: Job, store: Store, summary: Summary) -> None:
     """Draw the share of trials below each value; trials that came to nothing, or to infinity, keep it below 1."""
     flag = column.kind == "flag"
-    points = summary.points[:MOST_SERIES]
+    points = summary.points if flag else summary.points[:MOST_SERIES]
     factor, label = _scale(column)
     values = np.empty((0, len(points)))
     if not flag:
@@ -94,61 +126,57 @@ def _distribution(canvas: Canvas, i: int, column: Column, job: Job, store: Store
     axes = canvas.panel(i, column.about, "point" if flag else label + words, "share of trials")
     if flag:
         shares = [p.flags[column.name] for p in points]
-        _whiskers(canvas, i, "share and 95 % interval", list(range(len(points))), shares, COLOURS[0])
+        _whiskers(canvas, i, "share and 95 % interval", list(range(len(points))), shares, look(0))
         axes.set_ylim(-0.03, 1.03)
         return
     for p, point in enumerate(points):
         ended = point.done + point.failed + point.broken
         known = np.sort(values[np.isfinite(values[:, p]), p])
         share = np.arange(1, known.size + 1) / max(ended, 1)
-        canvas.line(i, _label(point.at), known, share, color=COLOURS[p], drawstyle="steps-post")
+        canvas.line(i, _label(point.at), known, share, **(look(p) | {"marker": ""}), drawstyle="steps-post")
     if limit is not None:
         axes.axvline(limit, color=PAPER, linestyle="--", linewidth=0.8)
     axes.set_ylim(0.0, 1.03)
     axes.locator_params(axis="x", nbins=6)
-    if i == 0 and len(points) > 1:
-        canvas.legend(i, loc="best")
 
 
-def _curve(canvas: Canvas, i: int, column: Column, along: str, summary: Summary) -> None:
+def _curve(canvas: Canvas, i: int, column: Column, along: str, series: Mapping[str, Sequence[Point]]) -> None:
     """Draw the median with its 5 to 95 % band, or a share with its interval, over the swept number."""
-    series: dict[str, list[Point]] = {}
-    for point in summary.points:
-        rest = {place: value for place, value in point.at.items() if place != along}
-        series.setdefault(_label(rest), []).append(point)
+    every = [p for points in series.values() for p in points]
     flag = column.kind == "flag"
     factor, label = _scale(column)
-    shown = [q for p in summary.points if not flag for q in p.numbers[column.name].quantiles.values()]
+    shown = [q for p in every if not flag for q in p.numbers[column.name].quantiles.values()]
     limit, words = _limit(column, [factor * q for q in shown])
     axes = canvas.panel(i, column.about, along.rpartition(".")[2], "share of trials" if flag else label + words)
-    for colour, (name, points) in zip(COLOURS, series.items(), strict=False):
+    for k, (name, points) in enumerate(list(series.items())[:MOST_SERIES]):
+        style = look(k)
         x = [float(p.at[along]) for p in points]
         if flag:
-            _whiskers(canvas, i, name, x, [p.flags[column.name] for p in points], colour)
+            _whiskers(canvas, i, name, x, [p.flags[column.name] for p in points], style)
             continue
         low, middle, high = (
             [factor * _finite(p.numbers[column.name].quantiles[q]) for p in points] for q in ("q05", "median", "q95")
         )
-        canvas.line(i, name, x, middle, color=colour, marker="o", markersize=3)
-        axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
+        canvas.line(i, name, x, middle, **style, markersize=3)
+        axes.fill_between(x, low, high, color=style["color"], alpha=0.15, linewidth=0)
     if flag:
         axes.set_ylim(-0.03, 1.03)
     elif limit is not None:
         axes.axhline(limit, color=PAPER, linestyle="--", linewidth=0.8)
-    swept = [abs(float(p.at[along])) for p in summary.points if p.at[along]]
+    swept = [abs(float(p.at[along])) for p in every if p.at[along]]
     if swept and max(swept) > 30.0 * min(swept):
         axes.set_xscale("symlog", linthresh=min(swept))
-        if all(float(p.at[along]) >= 0.0 for p in summary.points):
+        if all(float(p.at[along]) >= 0.0 for p in every):
             axes.set_xlim(-0.3 * min(swept), 1.4 * max(swept))
-    if i == 0 and len(series) > 1:
-        canvas.legend(i, loc="best")
 
 
-def _whiskers(canvas: Canvas, i: int, name: str, x: Sequence[float], shares: Sequence[Share], colour: str) -> None:
+def _whiskers(
+    canvas: Canvas, i: int, name: str, x: Sequence[float], shares: Sequence[Share], style: dict[str, Any]
+) -> None:
     fraction = [s.fraction for s in shares]
-    canvas.line(i, name, x, fraction, color=colour, marker="o", markersize=3)
+    canvas.line(i, name, x, fraction, **style, markersize=3)
     for at, share in zip(x, shares, strict=True):
-        canvas.axes[i].plot([at, at], share.ci95, color=colour, linewidth=1.0)
+        canvas.axes[i].plot([at, at], share.ci95, color=style["color"], linewidth=1.0)
 
 
 def _finite(value: float) -> float:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shlex
+from collections.abc import Mapping
 from typing import Any
 
 import click
@@ -74,19 +76,26 @@ def _parameters(
     leaf = group.get_command(parent, path[-1])
     assert leaf is not None
     # resilient: what the command needs besides its options (a file, say) may be left out here
-    with leaf.make_context(path[-1], arguments, parent=parent, resilient_parsing=True) as inner:
+    with leaf.make_context(path[-1], list(arguments), parent=parent, resilient_parsing=True) as inner:
+        given, _, _ = leaf.make_parser(inner).parse_args(list(arguments))
         return {
-            name: _described(inner, option, name, path, settings)
+            name: _described(inner, option, name, given, path, settings)
             for name, option in options_of(leaf)
             if option.name != "help"
         }
 
 
 def _described(
-    inner: click.Context, option: click.Option, name: str, path: tuple[str, ...], settings: Settings
+    inner: click.Context,
+    option: click.Option,
+    name: str,
+    given: Mapping[str, Any],
+    path: tuple[str, ...],
+    settings: Settings,
 ) -> dict[str, Any]:
+    """Return the row of an option; `given` are the texts of the command line by parameter."""
     assert option.name is not None
-    source = inner.get_parameter_source(option.name)
+    text, source = option.consume_value(inner, given)
     assert isinstance(option.envvar, str)
     origin, where = "default", ""
     if source is ParameterSource.COMMANDLINE:
@@ -98,14 +107,24 @@ def _described(
         keys = (key for key in settings.origins if key[:-1] in (path, (FOR_ALL,)) and same(key[-1], name))
         origin, where = "file", str(settings.origins[max(keys, key=lambda key: key[:-1] == path)])
     value = inner.params.get(option.name)
-    written = getattr(option.type, "typed", None)
     return {
-        "value": plain(value),
-        "typed": _shown(plain(value)) if written is None or value is None else written(value),
+        "value": plain(value if option.expose_value or origin == "default" else text),
+        "typed": _typed(option, text if origin != "default" or value is not None else None, value),
         "origin": origin,
         "where": where,
         "variable": option.envvar,
     }
+
+
+def _typed(option: click.Option, text: Any, value: Any) -> str:
+    """Return what one types for an option, in the settings files true or false for a flag; `text` is what was typed.
+
+    A text that the command would refuse is shown all the same: it may be what is looked for.
+    """
+    if isinstance(value, bool):
+        return str(value).lower()
+    words = [shlex.quote(str(one)) for one in (text if isinstance(text, list | tuple) else [text])]
+    return f" {option.opts[0]} ".join(words) if text not in (None, "") and value not in ((), {}) else "none"
 
 
 def _text(result: dict[str, Any], typed: dict[tuple[str, str], str]) -> str:
@@ -121,9 +140,3 @@ def _text(result: dict[str, Any], typed: dict[tuple[str, str], str]) -> str:
     if not result["commands"]:
         parts.append("every option of every command has its default")
     return "\n\n".join(parts)
-
-
-def _shown(value: Any) -> str:
-    if value in (None, [], {}):
-        return "none"
-    return {True: "yes", False: "no"}.get(value, str(value)) if isinstance(value, bool) else str(value)

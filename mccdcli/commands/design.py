@@ -43,10 +43,10 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--tolerance",
-    type=Percent(0.01, most=0.5, max_open=True),
+    type=Percent(0, 50, max_open=True),
     default="0.1%",
     show_default=True,
-    help="Standard deviation of every mode's frequency, added to what the model states: 0.1%, or 0.1.",
+    help="Standard deviation of every mode's frequency, added to what the model states, as 0.1%.",
 )
 @click.option(
     "--max-power",

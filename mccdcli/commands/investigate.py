@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 @click.option("--without", multiple=True, metavar="EFFECT", help="Effect to leave out of the search; repeatable.")
 @click.option(
     "--nominal-tolerance",
-    type=Percent(1.0, most=1.0, min_open=True),
+    type=Percent(0, 100, min_open=True),
     default="3%",
     show_default=True,
-    help="Relative standard deviation of the model's own parameters: 3%, or 0.03.",
+    help="Relative standard deviation of the model's own parameters, as 3%.",
 )
 @click.option("--resume", is_flag=True, help="Continue the investigation that the folder holds.")
 @settings_option

@@ -33,10 +33,6 @@ class Since(click.ParamType[datetime]):
             self.fail(f"{value!r} is not a date; write it as in 2026-03-01 or 2026-03-01T12:00:00+01:00", param, ctx)
         return time if time.tzinfo else time.replace(tzinfo=UTC)
 
-    def typed(self, value: datetime) -> str:
-        """Return a time as one types it: the inverse of `convert`."""
-        return value.isoformat()
-
 
 @click.command("list")
 @click.argument("folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path))

@@ -2,34 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from sim_backend.effects.base import Effect, Site, shape
-from sim_backend.effects.compiled import compiled
+from sim_backend.effects.rounding import Rounding
 from sim_backend.effects.view import READING_DISTANCES, RecordView
 
 
-@compiled
-def _step(signal, position, rate, aux, dt_s, p, s):  # type: ignore[no-untyped-def]
-    # beyond 2^52 steps every float is a whole number of them, within its rounding
-    if abs(signal) >= p[0] * 4503599627370496.0:
-        return 0.0
-    return p[0] * math.floor(signal / p[0] + 0.5) - signal
-
-
 @dataclass(frozen=True)
-class SensorQuantisation(Effect):
+class SensorQuantisation(Rounding, Effect):
     """The reading rounded to whole steps; neutral at a step of zero."""
 
     name = "sensor-quantisation"
     family = "sensor"
     site = Site.READING
     symptom = "is a sawtooth over the reading, bounded however far it moves"
-    step = _step
-    whole = True
 
     step_size: float = shape("smallest change of the reading", 0.0, y=1)
 

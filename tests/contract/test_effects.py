@@ -1,6 +1,8 @@
 """The promises that every effect of the library makes; a new effect is picked up from the lists by itself."""
 
+import ast
 import builtins
+import inspect
 import math
 import re
 
@@ -140,6 +142,19 @@ def test_a_step_knows_nothing_but_its_arguments(cls):
     """What is kept of its machine code goes by its bytecode, names and constants: a global's value is not in them."""
     used = set(cls.step.__wrapped__.__code__.co_names)
     assert used <= {"math", *dir(math), *dir(builtins)}
+
+
+def test_a_law_of_several_lines_is_written_once():
+    """Two effects may add the same at different sites; then they share the step. `p[0] * aux` need not be shared."""
+    written: dict[str, set[str]] = {}
+    for cls in STEPPED:
+        step = cls.step.__wrapped__
+        (law,) = ast.parse(inspect.getsource(step)).body
+        assert isinstance(law, ast.FunctionDef)
+        if len(law.body) > 1:
+            written.setdefault(cls.step.key.rpartition(".")[2], set()).add(step.__module__)
+    assert len(written) > 10
+    assert [sorted(modules) for modules in written.values() if len(modules) > 1] == []
 
 
 def test_library_is_the_table():

@@ -45,7 +45,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = str(folder / "run.h5")
     played = ("simulate", "--model", str(folder / "bench.toml"), "--plan", "multisine", *QUICK, "--out", run)
     assert mccd(*played).returncode == 0
-    diagnosed = ("diagnose", run, "--model", str(folder / "nominal.toml"), "--nominal-tolerance", "0.001")
+    diagnosed = ("diagnose", run, "--model", str(folder / "nominal.toml"), "--nominal-tolerance", "0.1%")
     done = mccd(*diagnosed, "--bench", f"sim:{folder / 'bench.toml'}", "-o", str(folder / "out"))
     assert done.returncode == 1, done.stdout + done.stderr
     return folder
@@ -92,7 +92,7 @@ def test_the_extended_model_is_simulated_and_judged_again(home: Path, tmp_path: 
     assert (
         mccd("simulate", "--model", extended, "--plan", "rest", "--set", "duration_s=0.2", "--out", run).returncode == 0
     )
-    again = ("diagnose", str(home / "run.h5"), "--model", extended, "--nominal-tolerance", "0.001")
+    again = ("diagnose", str(home / "run.h5"), "--model", extended, "--nominal-tolerance", "0.1%")
     done = mccd(*again, "-o", str(tmp_path / "out"))
     assert done.returncode == 0, done.stdout  # consistent: nothing is left to find
 
@@ -121,7 +121,7 @@ def test_a_chop_that_the_bench_cannot_play_leaves_the_diagnosis_whole(home: Path
     small = tmp_path / "small.toml"  # its end stops stand nearer than the chop reaches
     small.write_text(dump_model(bench_model(NOISE, end_stop_rad=4e-3)), encoding="utf-8")
     run, nominal = str(home / "run.h5"), str(home / "nominal.toml")
-    judged = ("diagnose", run, "--model", nominal, "--nominal-tolerance", "0.001", "--bench", f"sim:{small}")
+    judged = ("diagnose", run, "--model", nominal, "--nominal-tolerance", "0.1%", "--bench", f"sim:{small}")
     done = mccd(*judged, "-o", str(tmp_path / "out"))
     assert done.returncode == 1 and "could not be played" in done.stdout
     kept = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))

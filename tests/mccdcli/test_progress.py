@@ -11,7 +11,6 @@ import sys
 import pytest
 
 from mccdcli.progress import LINE_PERIOD_S, _forward, _lines, progress
-from mccdcli.timeleft import TimeLeft
 
 WORK = """
 from mccdcli.progress import progress
@@ -119,47 +118,3 @@ def test_progress_never_goes_back_and_tells_no_time_before_it_knows_one(capsys: 
         "fit: 60 % again",
         "fit: 70 % again",
     ]
-
-
-def shares(kind: str, n: int = 1000) -> list[tuple[float, float]]:
-    """Moments and shares of a work of 100 s that goes on in steps of a kind."""
-    at = [(100.0 * k / n, k / n) for k in range(1, n + 1)]
-    if kind == "slower":  # the second half takes nine tenths of the time
-        return [(t, 5.0 * t / 100.0 if t < 10.0 else 0.5 + 0.5 * (t - 10.0) / 90.0) for t, _ in at]
-    if kind == "faster":
-        return [(t, 0.5 * t / 90.0 if t < 90.0 else 0.5 + 0.5 * (t - 90.0) / 10.0) for t, _ in at]
-    if kind == "uneven":  # 20 steps, each other one three times as long
-        ends = [sum(2.5 if k % 2 else 7.5 for k in range(m)) for m in range(1, 21)]
-        return [(end, (m + 1) / 20) for m, end in enumerate(ends)]
-    return at
-
-
-@pytest.mark.parametrize("kind", ["even", "uneven"])
-def test_of_steady_work_the_time_left_is_told_within_a_factor_of_two(kind: str) -> None:
-    left, told = TimeLeft(0.0), 0
-    for at_s, share in shares(kind):
-        left.seen(share, at_s)
-        found = left.left_s(at_s)
-        if found is not None and at_s < 99.0:
-            told += 1
-            assert 0.5 * (100.0 - at_s) <= found <= 2.0 * (100.0 - at_s), (at_s, found)
-    assert told > 0.5 * len(shares(kind))
-
-
-@pytest.mark.parametrize("kind", ["slower", "faster"])
-def test_soon_after_a_change_of_pace_no_wrong_time_is_told(kind: str) -> None:
-    # "soon": a change is seen when it has lasted for a tenth of the time gone by
-    left, change = TimeLeft(0.0), 11.0 if kind == "slower" else 92.0
-    for at_s, share in shares(kind):
-        left.seen(share, at_s)
-        found = left.left_s(at_s)
-        if found is not None and change < at_s < 99.9:
-            assert 0.5 * (100.0 - at_s) <= found <= 2.0 * (100.0 - at_s), (at_s, found)
-
-
-def test_work_that_stands_still_tells_no_time() -> None:
-    left = TimeLeft(0.0)
-    for k in range(1, 51):
-        left.seen(k / 100, float(k))
-    assert left.left_s(50.0) == pytest.approx(50.0)
-    assert left.left_s(60.0) is None and left.left_s(100.0) is None

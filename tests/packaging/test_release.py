@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -47,6 +50,20 @@ def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # the wheel is built from the source archive, so that both are tried
     run(sys.executable, "-m", "build", "--no-isolation", "--outdir", "dist", cwd=sources)
     return sources / "dist"
+
+
+def test_the_newest_release_is_the_same_in_changelog_sources_and_citation() -> None:
+    """What is tagged, what sources without their history say, and what a paper cites."""
+    heads = re.findall(
+        r"^## \[(.+?)\](?: - (\S+))?$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert heads[0] == ("Unreleased", "")
+    version, day = heads[1]
+    assert date.fromisoformat(day) and re.fullmatch(r"\d+\.\d+\.\d+", version)
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools_scm"]
+    assert settings["fallback_version"] == version
+    cited = (ROOT / "CITATION.cff").read_text(encoding="utf-8").splitlines()
+    assert f"version: {version}" in cited and f"date-released: {day}" in cited
 
 
 def test_both_archives_have_the_version_of_the_tag(dist: Path) -> None:

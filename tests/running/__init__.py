@@ -27,6 +27,16 @@ PYTHON = (sys.executable, "-I", "-S", str(Path(__file__).with_name("client.py"))
 MCCD = (*PYTHON, "-m", "mccdcli")
 """The command as a fork of the server."""
 
+_COUNTING = "COVERAGE_PROCESS_"
+"""How the variables begin by which coverage counts lines in every process (`make coverage`)."""
+
+MEASURED = any(name.startswith(_COUNTING) for name in os.environ)
+
+
+def unmeasured() -> dict[str, str]:
+    """Return this process's variables for a new one that writes no counts of coverage: what it writes is watched."""
+    return {name: value for name, value in os.environ.items() if not name.startswith(_COUNTING)}
+
 
 def mccd(
     *arguments: str,

@@ -22,6 +22,7 @@ from sim_backend.safe_write import (
     write_bytes,
     write_text,
 )
+from tests.running import unmeasured
 
 
 @pytest.fixture
@@ -119,7 +120,8 @@ try:
 except OSError as error:
     print(error.filename)
 """
-    done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=60)
+    command = [sys.executable, "-W", "error", "-c", script]
+    done = subprocess.run(command, env=unmeasured(), capture_output=True, text=True, timeout=60)
     assert (done.stdout, done.stderr) == (f"{folder / 'big'}\n", "")
     assert os.listdir(folder) == []
 

@@ -70,7 +70,7 @@ def _draw(canvas: Canvas, drawn: Responses, rows: np.ndarray) -> None:
         f, first = np.unique(lines.frequency_hz[rows], return_index=True)
         draw_response(canvas, label, f, modelled[rows][first], color=colour, linewidth=1.0)
         off = np.abs(modelled[rows] - measured) / size
-        canvas.points(2, label, lines.frequency_hz[rows], off, color=colour, marker=".", markersize=2.5)
+        canvas.points(2, label, lines.frequency_hz[rows], off, color=colour, markersize=2.0)
     scale_axes(canvas)
     canvas.axes[2].set_yscale("log")
     canvas.axes[1].set_yticks(PHASES_DEG)

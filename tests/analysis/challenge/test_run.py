@@ -11,6 +11,7 @@ import pytest
 
 from analysis.challenge.run import run_challenge
 from analysis.challenge.truth import Buried, Case, Truth, seal
+from mccdcli.options import Percent
 from sim_backend.errors import ConfigError, DataError
 
 WRITES = """
@@ -46,6 +47,8 @@ def test_a_diagnosis_gets_its_case_and_what_to_leave_out(tmp_path: Path) -> None
     seen = [json.loads((tmp_path / "results" / o.case / "diagnosis.json").read_text()) for o in outcomes]
     for one in seen:
         assert one["words"][:4] == ["run-1.h5", "run-2.h5", "--model", "nominal.toml"]
+        share = one["words"][one["words"].index("--nominal-tolerance") + 1]
+        assert Percent(0, 100).convert(share, None, None) == pytest.approx(0.03 / 3.0**0.5, abs=1e-4)
         assert one["folder"] == ["nominal.toml", "run-1.h5", "run-2.h5"]
     assert seen[0]["words"][-2:] == ["--without", "delay"]
     assert "--without" not in seen[1]["words"]

@@ -6,7 +6,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Rectangle
 
-from analysis.pages.canvas import COLOURS, MAX_POINTS, Canvas, thinned
+from analysis.pages.canvas import COLOURS, MARKS, MAX_POINTS, Canvas, thinned
 
 
 def test_what_is_drawn_is_what_stands_in_the_numbers():
@@ -91,6 +91,28 @@ def test_no_two_of_seven_curves_have_the_same_colour_or_dash_and_no_two_of_seven
     styles = [style for style in re.findall(r'style="(fill: none;[^"]*)"', svg) if re.search("|".join(COLOURS), style)]
     assert len(styles) == 7
     assert len({re.sub(r".*stroke-dasharray: ([^;]*);.*|.*", r"\1", style) for style in styles}) == 7
+
+
+def test_curves_and_points_of_one_colour_differ_in_dash_and_mark():
+    canvas = Canvas("T", "C", columns=2)
+    for k in range(9):  # the eighth and the ninth have a colour again
+        canvas.line(0, f"curve {k}", [0.0, 1.0], [0.0, k])
+    for name in ("lowest", "highest"):
+        canvas.points(1, name, [0.0, 1.0], [0.0, 1.0], color=COLOURS[5])
+    low, high = canvas.axes[1].lines
+    assert (low.get_marker(), high.get_marker()) == (MARKS[5], MARKS[6])
+    svg = canvas.svg()
+    styles = [style for style in re.findall(r'style="(fill: none;[^"]*)"', svg) if re.search("|".join(COLOURS), style)]
+    assert len(styles) == len(set(styles)) == 9
+
+
+def test_a_series_looks_the_same_in_every_panel():
+    canvas = Canvas("T", "C", columns=2)
+    for i, names in ((0, ("first", "second")), (1, ("second", "third", "second"))):
+        for name in names:
+            canvas.points(i, name, [0.0], [0.0], color=COLOURS[0])
+    marks = [[line.get_marker() for line in axes.lines] for axes in canvas.axes]
+    assert marks == [[MARKS[0], MARKS[1]], [MARKS[1], MARKS[0], MARKS[1]]]
 
 
 def test_a_dash_or_mark_that_is_asked_for_stays():

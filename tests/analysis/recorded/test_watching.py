@@ -1,7 +1,7 @@
 """The time that a growing log has left: told once rows have come twice, and right to a factor of two from then on."""
 
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
@@ -57,32 +57,51 @@ def written(path: Path) -> Iterator[Writer]:
         yield Writer(process.stdin, process.stdout)
 
 
-def looks(path: Path, first_look_s: float, block_s: float) -> list[tuple[float, float | None]]:
+def looks(path: Path, first_look_s: float, blocks_s: Sequence[float]) -> list[tuple[float, float | None]]:
     """Return (seconds that are left in truth, that are told) of looks every 0.5 s at a log that grows in blocks."""
-    told = []
+    told, due_s = [], list(blocks_s)
     with written(path) as writer:
-        watching, blocks, now_s = Watch(path), 0, 0.0
-        while blocks < BLOCKS:
-            while blocks < min(int(now_s / block_s), BLOCKS):
+        watching, now_s = Watch(path), 0.0
+        while due_s:
+            while due_s and due_s[0] <= now_s:
                 writer.append()
-                blocks += 1
-            if now_s >= first_look_s and blocks < BLOCKS:
+                del due_s[0]
+            if now_s >= first_look_s and due_s:
                 seen = watching.look(now_s)
                 assert seen.note == "warm"
-                told.append((BLOCKS * block_s - now_s, seen.left_s))
+                told.append((blocks_s[-1] - now_s, seen.left_s))
             now_s += 0.5
     return told
 
 
+def every(block_s: float, blocks: int = BLOCKS, begun_s: float = 0.0) -> list[float]:
+    """Return the moments of blocks that come one after another."""
+    return [begun_s + block_s * (k + 1) for k in range(blocks)]
+
+
 @pytest.mark.parametrize(("first_look_s", "block_s"), [(0.0, 10.0), (9.5, 10.0), (23.0, 10.0), (1.0, 2.0)])
 def test_the_time_left_of_a_log_that_grows_in_blocks_is_never_wrong_by_a_factor_of_two(tmp_path, first_look_s, block_s):
-    told = looks(tmp_path / "run.h5", first_look_s, block_s)
+    told = looks(tmp_path / "run.h5", first_look_s, every(block_s))
     early = [left for true, left in told if true > BLOCKS * block_s - first_look_s - block_s]
     assert early and set(early) == {None}  # one block tells no rate
     known = [(true, left) for true, left in told if left is not None]
     assert len(known) > 0.5 * len(told)
     for true, left in known:
         assert 0.5 * true - 1.0 <= left <= 2.0 * true + 1.0
+
+
+@pytest.mark.parametrize(("before_s", "after_s"), [(2.0, 20.0), (20.0, 2.0)], ids=["slower", "faster"])
+def test_after_a_change_of_pace_no_wrong_time_is_told(tmp_path, before_s, after_s):
+    half = BLOCKS // 2
+    change_s = before_s * half
+    moments = every(before_s, half) + every(after_s, BLOCKS - half, change_s)
+    told = [(moments[-1] - true, true, left) for true, left in looks(tmp_path / "run.h5", 0.0, moments)]
+    assert any(left is not None for now_s, _, left in told if now_s < change_s)
+    # nobody can know of it before the next block has come, or should have
+    seen_s = change_s + min(2.0 * before_s, after_s)
+    for now_s, true, left in told:
+        if now_s > seen_s and left is not None:
+            assert 0.5 * true - 1.0 <= left <= 2.0 * true + 1.0, (now_s, true, left)
 
 
 def test_rows_that_are_long_overdue_leave_the_time_unknown(tmp_path):

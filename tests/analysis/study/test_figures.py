@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from analysis.study.figures import study_figure
+from analysis.pages.canvas import COLOURS
+from analysis.study.figures import MOST_SERIES, study_figure
 from analysis.study.store import Store
 from analysis.study.summary import summarise
 from analysis.study.trial import Job, Outcome
@@ -64,3 +66,36 @@ def test_along_a_sweep_of_numbers_it_shows_medians(tmp_path: Path) -> None:
         shown = panel[panel["series"] == f"strategy {name}"]
         assert shown["x"].tolist() == [1e-3, 2e-3, 8e-3]
         assert shown["y"].tolist() == pytest.approx(1e3 * np.median(times[:, 3 * s : 3 * s + 3], axis=0))
+
+
+def swept(place: str, values: Sequence[float]) -> str:
+    return f'\n[[vary]]\nplace = "settings.{place}"\nsweep = {list(values)}\n'
+
+
+def looks(svg: str) -> set[tuple[str, str]]:
+    """Return colour and dash of everything that is drawn in a colour and not filled."""
+    styles = re.findall(r'style="(fill: none;[^"]*)"', svg)
+    found = {tuple(re.sub(rf".*{key}: ([^;]*);.*|.*", r"\1", style + ";") for key in PAINT) for style in styles}
+    return {(colour, dash) for colour, dash in found if colour in COLOURS}
+
+
+PAINT = ("stroke", "stroke-dasharray")
+WITH_LIMIT = 1
+"""The limit is a look of its own: of the paper's colour, dashed."""
+
+
+@pytest.mark.parametrize("along", [SIZES, ""], ids=["medians", "shares"])
+def test_every_series_is_drawn_and_no_two_look_alike(along: str, tmp_path: Path) -> None:
+    job = Job.of(spread(2, along + swept("cycles", [2, 3]) + swept("alpha_deg", [0.0, 90.0])))
+    canvas, points = drawn(tmp_path, job, np.linspace(0.01, 0.02, job.study.total).tolist())
+    assert points[points["panel"] == points["panel"][0]]["series"].nunique() == 8 > len(COLOURS)
+    assert len(looks(canvas.svg())) == 8 + WITH_LIMIT
+
+
+def test_series_that_are_too_many_are_counted(tmp_path: Path) -> None:
+    job = Job.of(spread(2, SIZES + swept("cycles", range(2, 22))))
+    canvas, points = drawn(tmp_path, job, np.linspace(0.01, 0.02, job.study.total).tolist())
+    shown = points[points["panel"] == points["panel"][0]]["series"].nunique()
+    svg = canvas.svg()
+    assert shown == MOST_SERIES == len(looks(svg)) - WITH_LIMIT
+    assert f"and {40 - MOST_SERIES} more, in study.json" in svg

@@ -18,6 +18,7 @@ from campaigns.log import Channel, LogWriter, read_run
 from campaigns.log.export import FORMS, save, to_dataset, to_frame
 from mccdcli.main import main
 from sim_backend.errors import ConfigError
+from tests.running import unmeasured
 
 RNG = np.random.default_rng(3)
 VALUES = {"torque": RNG.normal(size=50), "1st θ/2": RNG.normal(size=50), "1st θ 2": RNG.normal(size=50)}
@@ -213,7 +214,7 @@ def test_a_full_disk_is_told_and_leaves_no_file(tmp_path):
     folder = tmp_path / "out"
     folder.mkdir()
     command = [sys.executable, "-W", "error", "-c", FULL_DISK, str(tmp_path / "run.h5"), *FORMS]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, cwd=folder, env=unmeasured(), capture_output=True, text=True, timeout=120)
     assert done.stdout.split() == ["4"] * len(FORMS)
     reason = "File too large; check the folder, its rights and the free space"
     assert done.stderr.splitlines() == [f"mccd: error: out{ending}: {reason}" for ending in FORMS]

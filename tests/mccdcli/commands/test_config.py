@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -219,17 +221,73 @@ def test_a_variable_sets_what_a_command_does(here, monkeypatch, capsys):
         ("diagnose", "nominal-tolerance", "2%"),
         ("design", "tolerance", "0.25%"),
         ("log list", "since", "2026-03-01T12:00:00+01:00"),
+        ("log list", "since", "2026-03-01"),
+        ("chop", "alpha", "90"),
+        ("chop", "set", "cycles=3"),
+        ("chop", "set", "tuning.learning_s=2 --set cycles=3"),
+        ("diagnose", "without", "hysteresis --without delay"),
+        ("design", "log", "a.h5 --log b.h5"),
+        ("chop", "note", "'after the repair & cold'"),
+        ("chop", "cycles", "many"),  # refused, but that is what is set
     ],
 )
-def test_a_value_is_shown_as_one_types_it(command, option, given, tmp_path, capsys):
-    assert main(["config", "show", *command.split(), f"--{option}", given]) == 0
+def test_a_value_is_shown_as_one_types_it(command, option, given, capsys):
+    assert row(capsys, command, option, *shlex.split(f"--{option} {given}")) == (given, f"option --{option}")
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "line", "typed"),
+    [
+        ("chop", "dry-run", "dry-run = true", "true"),
+        ("diagnose", "page", "page = false", "false"),
+        ("chop", "set", "set = ['cycles=3', 'repeats=2']", "cycles=3 --set repeats=2"),
+        ("chop", "form", "form = '-3:+8.5'", "-3:+8.5"),
+        ("chop", "cycles", "cycles = 3", "3"),
+        ("chop", "note", "note = ''", "none"),
+    ],
+)
+def test_a_value_of_a_file_is_shown_as_one_types_it(command, option, line, typed, here, capsys):
+    write(here / "mccd.toml", f"[{command}]\n{line}\n")
+    assert row(capsys, command, option) == (typed, "file mccd.toml")
+
+
+def row(capsys: pytest.CaptureFixture[str], command: str, option: str, *arguments: str) -> tuple[str, str]:
+    """Return the value and the origin of an option as they are printed."""
+    assert main(["config", "show", *command.split(), *arguments]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith(f"--{option} "))
-    assert line.split()[1] == given
+    _, value, origin, _ = re.split(r" {2,}", line)
+    return value, origin
 
 
-def test_a_share_is_typed_in_percent_or_bare_as_before(capsys):
-    def value(command: str, option: str, text: str) -> object:
-        return shown(capsys, command, f"--{option}", text)[command][option]["value"]
+def test_the_default_of_a_flag_is_shown_as_a_file_holds_it(capsys):
+    assert row(capsys, "chop", "dry-run") == ("false", "default")
+    assert row(capsys, "diagnose", "page") == ("true", "default")
+    assert row(capsys, "chop", "set") == row(capsys, "chop", "note") == ("none", "default")
 
-    assert value("diagnose", "nominal-tolerance", "3%") == value("diagnose", "nominal-tolerance", "0.03") == 0.03
-    assert value("design", "tolerance", "0.1%") == value("design", "tolerance", "0.1") == 0.001
+
+def test_a_note_is_in_the_json_too(capsys):
+    assert shown(capsys, "chop", "--note", "after the repair")["chop"]["note"]["value"] == "after the repair"
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "typed", "fraction", "largest"),
+    [
+        ("diagnose", "nominal-tolerance", "3%", 0.03, 100),
+        ("investigate", "nominal-tolerance", "1.73 %", 0.0173, 100),
+        ("design", "tolerance", "0.1%", 0.001, 50),
+    ],
+)
+def test_a_share_is_typed_in_percent_and_never_bare(command, option, typed, fraction, largest, here, capsys):
+    write(here / "run.h5", "")
+    words = [command, "--model", "design", *(["run.h5"] if command == "diagnose" else [])]
+
+    def refusal(*arguments: str) -> str:
+        capsys.readouterr()
+        assert main([*words, *arguments]) == 2
+        return capsys.readouterr().err
+
+    assert shown(capsys, command, f"--{option}", typed)[command][option]["value"] == fraction
+    assert "0.02 may be a fraction or percent; write 2% or 0.02%." in refusal(f"--{option}", "0.02")
+    assert f"<{largest}." in refusal(f"--{option}", f"{largest + 1}%").replace("=", "")
+    write(here / "mccd.toml", f"[{command}]\n{option} = 0.02\n")  # a file says what one types
+    assert "write 2% or 0.02%" in refusal()

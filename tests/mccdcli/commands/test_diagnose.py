@@ -173,8 +173,8 @@ def test_a_missing_model_is_refused(mccd, tmp_path):
     assert_refused(done, 2, "nowhere.toml")
 
 
-@pytest.mark.parametrize("tolerance", ["0", "-0.1", "2"])
-def test_a_tolerance_must_be_a_small_number_above_zero(mccd, tmp_path, one_axis, tolerance):
+@pytest.mark.parametrize("tolerance", ["0%", "-10%", "200%", "nan%", "%", "0.03", "3"])
+def test_a_tolerance_is_a_share_above_zero_in_percent(mccd, tmp_path, one_axis, tolerance):
     run = other_log(tmp_path)
     done = mccd("diagnose", str(run), "--model", str(one_axis), "--nominal-tolerance", tolerance)
     assert_refused(done, 2, "nominal-tolerance")

@@ -10,6 +10,7 @@ import scipy
 
 from analysis.diagnosis.response.diagnose import diagnose_response
 from analysis.diagnosis.response.lines import load_lines
+from analysis.diagnosis.response.page import bode_figures
 from tests.analysis.diagnosis.response.tables import MODES, F, modelled, noisy, nominal, response, written
 
 S = 2j * np.pi * F
@@ -20,6 +21,16 @@ def diagnosed(path, f, h, *, held=False, **more):
     model = nominal()
     table = written(path / "h.csv", f, h, **more)
     return diagnose_response(load_lines(table, model), model, table, held=held)[0]
+
+
+def test_points_of_both_models_differ_in_mark_as_well_as_in_colour(tmp_path):
+    h, model = noisy(response(), 1), nominal()
+    table = written(tmp_path / "h.csv", F, h, std=2e-3 * np.abs(h))
+    _, drawn = diagnose_response(load_lines(table, model), model, table)
+    (figure,) = bode_figures(drawn, model)
+    below = [line for line in figure.canvas.axes[2].lines if line.get_linestyle() == "None"]
+    assert [line.get_label() for line in below] == ["noise", "adjusted", "extended"]
+    assert len({line.get_marker() for line in below}) == len({line.get_color() for line in below}) == 3
 
 
 @pytest.mark.parametrize("told", [True, False], ids=["deviations", "none"])
