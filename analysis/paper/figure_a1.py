@@ -27,8 +27,8 @@ def figure_a1(measured: Measured) -> Canvas:
         "How long the feed-forward of Table 6.4 lasted",
         "Deviation of our overshoot and settling from the printed ones by the length of the least-norm feed-forward at "
         f"10 kHz. {chosen} samples were calibrated on the overshoot of 30+{CALIBRATED_ON.split('+')[1]} Hz; the text "
-        f"says 5 ms, {LONGEST} samples. Below: the worst of the four overshoots if another norm is made least, or if the "
-        f"feed-forward of {LONGEST} samples is broken off.",
+        f"says 5 ms, {LONGEST} samples. Below: the worst of the four overshoots if another norm is made least, or if "
+        f"the feed-forward of {LONGEST} samples is broken off.",
         rows=3,
         size=(7.2, 8.2),
     )

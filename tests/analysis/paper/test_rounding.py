@@ -15,9 +15,7 @@ HALF_UNITS = (
 
 
 def stored():
-    return {
-        (key, n.key): n.tolerance for key, table in paper_tables().items() for n in table.rows if n.rule == RULE
-    }
+    return {(key, n.key): n.tolerance for key, table in paper_tables().items() for n in table.rows if n.rule == RULE}
 
 
 def test_what_is_stored_is_what_is_computed():
