@@ -1,6 +1,7 @@
 """Reproducibility of section 6.3.2 as the report reads it, from cycles whose scatter is known."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +27,11 @@ class Learned:
         return self.phase
 
 
+def campaign(cycles) -> Any:
+    """What the rows ask of measurements."""
+    return Learned(cycles)
+
+
 def learned(number, slow_rad=1e-6, fast_rad=0.0, halves=0.5):
     """Cycles towards 0 and 8.5 mrad: the error is halved, a dwell is off by `slow_rad`, a sample by `fast_rad`."""
     rng = np.random.default_rng(8)
@@ -38,7 +44,7 @@ def learned(number, slow_rad=1e-6, fast_rad=0.0, halves=0.5):
 
 def test_integration_is_the_scatter_of_means_after_the_papers_twelfth_cycle():
     cycles, offsets = learned(60, fast_rad=2e-5)
-    ours = _learning(Learned(cycles))
+    ours = _learning(campaign(cycles))
     kept = offsets[12:]
     expected = 3.0 * np.sqrt(np.var(kept, axis=0, ddof=1).mean())
     # 5 mrad halved twelve times are 1.2 µrad, which fade within three of 48 cycles; a step is a period of the ripple
@@ -57,16 +63,16 @@ def test_integration_is_the_scatter_of_means_after_the_papers_twelfth_cycle():
 
 def test_what_converges_later_counts_from_there():
     cycles, _ = learned(80, halves=0.8)
-    ours = _learning(Learned(cycles))
+    ours = _learning(campaign(cycles))
     at = int(ours["learning iterations"].value)
     assert at > 25 and f"{80 - at} cycles" in ours["reproducibility step"].note
 
 
 @pytest.mark.parametrize("number", [14, 13])
 def test_too_few_converged_cycles_give_no_reproducibility(number):
-    assert set(_learning(Learned(learned(number, slow_rad=1e-4)[0]))) == {"learning iterations"}
+    assert set(_learning(campaign(learned(number, slow_rad=1e-4)[0]))) == {"learning iterations"}
 
 
 def test_without_convergence_there_is_none():
-    ours = _learning(Learned(learned(30, slow_rad=1e-9, halves=0.9)[0]))
+    ours = _learning(campaign(learned(30, slow_rad=1e-9, halves=0.9)[0]))
     assert set(ours) == {"learning iterations"} and ours["learning iterations"].value == float("inf")

@@ -2,6 +2,7 @@
 
 import json
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,6 +39,11 @@ class Settled:
         return None
 
 
+def campaign(**ms) -> Any:
+    """What tables and figures ask of measurements."""
+    return Settled(**ms)
+
+
 def test_the_bundled_counts_are_the_studys():
     seeds, told = settling_seeds(), STUDY["settling_s"]
     assert seeds.settling_s.size == STUDY["trials"] == 200
@@ -55,18 +61,18 @@ def test_the_study_has_the_campaigns_settings():
 
 
 def test_the_row_has_the_range_and_its_source():
-    rows = table_6_6(Settled(x=34.6, y=4.5))
+    rows = table_6_6(campaign(x=34.6, y=4.5))
     note = rows["settling theta_x"].note
     assert rows["settling theta_x"].value == pytest.approx(34.6e-3)
     assert "25.0–34.6 ms" in note and "200 seeds" in note and settling_seeds().source in note
     assert "seed" not in rows["settling theta_y"].note
     # the study says nothing of this project's controller
-    assert "seed" not in table_6_6(Settled(x=4.5, y=4.5), PROJECT)["settling theta_x"].note
+    assert "seed" not in table_6_6(campaign(x=4.5, y=4.5), PROJECT)["settling theta_x"].note
 
 
 @pytest.mark.parametrize(("ms", "drawn"), [(34.6, True), (float("inf"), False), (None, False)])
 def test_the_figure_shows_all_seeds_the_paper_and_this_campaign(ms, drawn):
-    numbers = figure_a3(Settled(x=ms)).numbers()
+    numbers = figure_a3(campaign(x=ms)).numbers()
     seeds = numbers[numbers.series == "seeds"]
     assert len(seeds) == 200 and seeds.y.iloc[-1] == 100.0
     at = seeds[seeds.x <= 25.35]
