@@ -193,7 +193,7 @@ class Roots:
 
     @classmethod
     def of(cls, numerator: Array, denominator: Array) -> Roots:
-        """Return a plant given as polynomials from the highest power down, in mrad per N m."""
+        """Return a plant given as polynomials (5,) over (9,) of s, from the highest power down, in mrad per N m."""
         poles = scaled_roots(denominator)
         upper = poles[poles.imag > 0.0]
         static = float(numerator[-1] / denominator[-1]) * 1e-3

@@ -44,7 +44,7 @@ def rounding_tolerances(draws: int = DRAWS, seed: int = SEED) -> dict[Key, float
 
 
 def drawn(rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return numerator and denominator with every printed digit string replaced by a number that rounds to it."""
+    """Return numerator (5,) and denominator (9,) drawn, every coefficient a number that rounds to the printed one."""
     table = paper_tables()["6.2-coefficients"]
     polynomials = []
     for keys in COEFFICIENTS:
