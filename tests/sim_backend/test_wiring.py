@@ -39,8 +39,8 @@ def test_benches_that_differ_in_numbers_alone_are_connected_once(monkeypatch):
 
 def test_what_is_left_out_has_its_place_all_the_same():
     model = load_model("as-built")
-    for name, size in (("amplifier-lag", {"time_constant_s": 0.0}), ("broadband-vibration", {"rms": 0.0})):
-        stray = EffectEntry(effect=name, where="a4", parameters=size)
+    for name, size in (("amplifier-lag", "time_constant_s"), ("broadband-vibration", "rms")):
+        stray = EffectEntry(effect=name, where="a4", parameters={size: 0.0})
         with pytest.raises(ConfigError, match=f"{name}: there is no 'a4' on this bench"):
             SimBench(msgspec.structs.replace(model, effects=[*model.effects, stray]), 1)
 
