@@ -23,7 +23,7 @@ import tomli_w
 from sim_backend.documents import json_of, read_text, toml_of
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.linear import ModalModel
-from sim_backend.plausible import refuse_absurd
+from sim_backend.plausible import refuse_absurd, refuse_contradiction
 
 Origin = Literal["printed", "calibrated", "assumed", "derived", "fitted", "stated"]
 
@@ -276,7 +276,10 @@ def check_model(model: Model, where: str) -> None:
                 f"body) or more"
             )
     _check_coordinates(model, where)
-    refuse_absurd(msgspec.to_builtins(model), where)
+    content = msgspec.to_builtins(model)
+    refuse_absurd(content, where)
+    if model.hardware is not None:
+        refuse_contradiction(content["hardware"], where)
     model.linear()
 
 

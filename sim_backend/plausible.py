@@ -45,6 +45,23 @@ def refuse_absurd(model: dict[str, Any], where: str) -> None:
             raise ConfigError(f"{where}: hardware.{name} is {value:g}; it must be at least {lowest:g}")
 
 
+def refuse_contradiction(hardware: dict[str, Any], where: str) -> None:
+    """Raise ConfigError, naming both numbers and what to state instead, where limits of the hardware cannot both hold.
+
+    An effect may contradict them: an amplifier that saturates below its peak current, and a stop within the travel,
+    are what a diagnosis finds.
+    """
+    stated = {place.removesuffix(".value"): value for place, value in _numbers(hardware, "")}
+    constant, peak_a = stated["force_constant_n_a"], stated["peak_current_a"]
+    lasting, most = stated["continuous_force_n"], constant * peak_a
+    # one part in 1e9 is rounding of a product, no contradiction
+    if lasting > most * (1.0 + 1e-9):
+        raise ConfigError(
+            f"{where}: hardware.continuous_force_n is {lasting:g} N, but a peak current of {peak_a:g} A gives {most:g} "
+            f"N with {constant:g} N/A; state at most {most:g} N, or a peak current of {lasting / constant:g} A or more"
+        )
+
+
 def _all_finite(model: dict[str, Any]) -> bool:
     """Tell whether no number is larger than it may be, without naming its path: most models are sound."""
     below: list[Any] = [model]

@@ -50,8 +50,12 @@ def _stream(seed: int, label: str, rank: int = 0) -> np.random.Generator:
 
 
 def _idle(effect: Effect) -> bool:
-    """Tell whether an effect of shapes alone adds nothing: a file may state it, and no sample has to pay for it."""
-    return not effect.sizes() and effect.is_neutral()
+    """Tell whether a neutral effect is left out of the loop: a file may state it, and no sample has to pay for it.
+
+    That is one of shapes alone, and a disturbance that comes from outside.
+    """
+    outside = effect.family == "surroundings" and effect.site is Site.STRUCTURE
+    return effect.is_neutral() and (outside or not effect.sizes())
 
 
 def _require_finite(label: str, channels: dict[str, Array]) -> None:

@@ -23,6 +23,7 @@ from analysis.paper.figure_6_17 import figure_6_17
 from analysis.paper.figure_6_18 import figure_6_18
 from analysis.paper.figure_a1 import figure_a1
 from analysis.paper.figure_a2 import figure_a2
+from analysis.paper.figure_a3 import figure_a3
 from analysis.paper.measured import Measured
 
 FIGURES: dict[str, Callable[[Measured], Canvas | None]] = {
@@ -41,6 +42,7 @@ FIGURES: dict[str, Callable[[Measured], Canvas | None]] = {
     "6.18": figure_6_18,
     "A1": figure_a1,
     "A2": figure_a2,
+    "A3": figure_a3,
 }
 
 

@@ -26,7 +26,14 @@ from sim_backend.control.feedforward import StepInput, least_norm
 from sim_backend.linear import ModalModel
 from sim_backend.polynomial import modal_from_zpk, scaled_roots
 
+Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+
+COEFFICIENTS = (
+    tuple(f"theta_x a{power}" for power in range(4, -1, -1)),
+    tuple(f"theta_x b{power}" for power in range(8, -1, -1)),
+)
+"""Rows of the θx polynomials of Table 6.2, numerator and denominator, from the highest power down."""
 
 BENCH_HZ, BENCH_DECAY_1_S = 1440.0, 34.0
 """The mode of the bench: the frequency of the text, the damping of θy's mode."""
@@ -181,10 +188,15 @@ class Roots:
     def printed(cls) -> Roots:
         """Return the θx polynomial of Table 6.2, digit for digit."""
         table = paper_tables()["6.2-coefficients"]
-        numerator = [table.value(f"theta_x a{power}") for power in range(4, -1, -1)]
-        poles = scaled_roots([table.value(f"theta_x b{power}") for power in range(8, -1, -1)])
+        numerator, denominator = ([table.value(key) for key in keys] for keys in COEFFICIENTS)
+        return cls.of(np.array(numerator), np.array(denominator))
+
+    @classmethod
+    def of(cls, numerator: Array, denominator: Array) -> Roots:
+        """Return a plant given as polynomials (5,) over (9,) of s, from the highest power down, in mrad per N m."""
+        poles = scaled_roots(denominator)
         upper = poles[poles.imag > 0.0]
-        static = numerator[-1] / table.value("theta_x b0") * 1e-3
+        static = float(numerator[-1] / denominator[-1]) * 1e-3
         return cls(upper[np.argsort(np.abs(upper))], scaled_roots(numerator), static)
 
     def with_mode(self, frequency_hz: float, decay_1_s: float) -> Roots:

@@ -27,6 +27,9 @@ SEARCHED = range(40, 58)
 LONGEST = 50
 """Samples of the text's 5 ms at 10 kHz."""
 
+CUT = range(40, LONGEST + 1)
+"""After how many samples the text's 5 ms may have been broken off."""
+
 RINGING = ("30+125", "30+500", "30+1500", "complete")
 """Rows with an overshoot: all but the plant that the feed-forward is designed on."""
 
@@ -117,6 +120,12 @@ def cut_move(samples: int) -> StepInput:
     return StepInput(whole.drive[:samples], whole.holding, whole.step, samples, RATE_HZ)
 
 
+@functools.cache
+def cut_deviations() -> Array:
+    """Return the largest relative deviation of the four overshoots under `cut_move` at every length of CUT, (n,)."""
+    return np.array([worst_overshoot(rows_under(cut_move(n))) for n in CUT])
+
+
 def best_of(norm: str, lengths: range = range(40, 65)) -> tuple[int, float]:
     """Return the length at which a norm comes nearest to the four overshoots, and how far it then is off."""
     found = norm_deviations(norm, lengths)
@@ -163,7 +172,7 @@ def _conclusion() -> str:
     chosen, longer = calibrated_samples(), SHOWN[-1]
     found, far = rows_at(chosen), rows_at(longer)
     others = "; ".join(f"{norm}: {100 * off:.0f} % at {n}" for norm in NORMS for n, off in (best_of(norm),))
-    cut = worst_overshoot(rows_under(cut_move(chosen)))
+    cut = float(cut_deviations()[CUT.index(chosen)])
     return (
         f"{chosen} samples are calibrated on one number, the overshoot of that row; the others are predictions. "
         f"{longer} samples would fit the four overshoots as well ({100 * worst_overshoot(far):.0f} % off at worst, "

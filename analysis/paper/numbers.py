@@ -68,6 +68,11 @@ class PaperNumber(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     chosen: str = ""
     seen: str = ""
 
+    @property
+    def digits(self) -> str:
+        """The value's digits as printed."""
+        return self.printed or f"{self.value or 0.0:.10g}"
+
 
 class PaperTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One table of the paper, or the numbers of its text."""
@@ -143,7 +148,7 @@ def _with_tolerance(number: PaperNumber, table: PaperTable, here: str) -> PaperN
     if number.rule not in RULES or number.why:
         raise ConfigError(f"{here} has rule '{number.rule}'; name one of {', '.join(RULES)}, which gives the reason")
     values = {n.key: n.value for n in table.rows if n.value is not None}
-    case = Case(number.value or 0.0, number.printed or f"{number.value or 0.0:.10g}", number.given, values)
+    case = Case(number.value or 0.0, number.digits, number.given, values)
     try:
         made, why = tolerance_of(number.rule, case), why_of(number.rule, number.given)
     except KeyError as error:

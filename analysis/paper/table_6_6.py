@@ -9,6 +9,7 @@ import numpy as np
 from analysis.measurements.power import CoilPower
 from analysis.paper.measured import Measured
 from analysis.paper.rows import Ours
+from analysis.paper.settling_seeds import settling_seeds
 from analysis.paper.table_6_7 import FORMS
 from analysis.recorded.chop import ChopPhase
 from analysis.recorded.settle import FORCE_CONSTANT_N_A, STEEPNESS_N_SQRT_W
@@ -81,13 +82,21 @@ def _repeatability(measured: Measured, strategy: str) -> dict[str, Ours]:
 
 def _settling(measured: Measured, strategy: str) -> dict[str, Ours]:
     ours: dict[str, Ours] = {}
-    for axis, alpha in ALPHA_OF.items():
-        phase = measured.settle(strategy, alpha)
-        if phase is not None:
-            worst = float(np.max(phase.settling(axis).time_s))
-            note = "the mean move, worse of both positions"
-            ours[f"settling {axis}"] = Ours(worst, note=note if np.isfinite(worst) else "does not settle in its dwell")
+    for axis in ALPHA_OF:
+        worst = settled_s(measured, strategy, axis)
+        if worst is None:
+            continue
+        note = "the mean move, worse of both positions" if np.isfinite(worst) else "does not settle in its dwell"
+        if (strategy, axis) == (PAPER.fast, "theta_x"):
+            note += f"; {settling_seeds().said()}"
+        ours[f"settling {axis}"] = Ours(worst, note=note)
     return ours
+
+
+def settled_s(measured: Measured, strategy: str, axis: str) -> float | None:
+    """Return when the mean move of an axis has settled, the worse of both positions; None where it was not played."""
+    phase = measured.settle(strategy, ALPHA_OF[axis])
+    return None if phase is None else float(np.max(phase.settling(axis).time_s))
 
 
 def powers_of(measured: Measured, strategy: str) -> list[CoilPower]:

@@ -32,13 +32,17 @@ class Case:
     @property
     def half_unit(self) -> float:
         """Half a unit of the last printed digit."""
-        exponent = Decimal(self.digits).as_tuple().exponent
-        return 0.5 * 10.0 ** int(exponent)
+        return half_unit_of(self.digits)
+
+
+def half_unit_of(digits: str) -> float:
+    """Return half a unit of the last digit of a printed number."""
+    return 0.5 * 10.0 ** int(Decimal(digits).as_tuple().exponent)
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Why a tolerance is what it is, and how it is computed; without `of` it is stored, and a test computes it again.
+    """Why a tolerance is what it is, and how it is computed; without `of` it is stored (`rounding.py` computes it).
 
     `why` may name what the rule is given in braces.
     """

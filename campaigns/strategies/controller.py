@@ -107,7 +107,7 @@ class Controller(_Strict, frozen=True, kw_only=True):
     sample_rate_hz: float
     model: Model
     axes: list[AxisControl]
-    to_current: list[list[float]] = []
+    to_current: list[list[float]]
 
     def axis(self, dof: str) -> AxisControl | None:
         """Return the control of an axis, None for one that was not designed."""
@@ -124,7 +124,7 @@ class Controller(_Strict, frozen=True, kw_only=True):
                         f"{units[role][port.dof]}: it was designed for another bench; design one for this"
                     )
         own, theirs = np.array(self.to_current, dtype=float), bench.limits.to_current
-        if own.size and not (own.shape == theirs.shape and np.allclose(own, theirs, rtol=0.1)):
+        if not (own.shape == theirs.shape and np.allclose(own, theirs, rtol=0.1)):
             raise ConfigError(
                 f"controller '{self.name}' was designed for {len(own)} coils with up to {np.abs(own).max():.3g} A per "
                 f"unit of command, the bench has {len(theirs)} with up to {np.abs(theirs).max():.3g} A; design one for "
@@ -151,9 +151,28 @@ def parse_controller(text: str, where: str) -> Controller:
         )
     if not found.axes or len({one.dof for one in found.axes}) < len(found.axes):
         raise ConfigError(f"{where}: {len(found.axes)} axes; a controller needs one or more, each once")
+    _check_coils(found.to_current, where)
+    known = {p.dof for p in found.model.inputs} & {p.dof for p in found.model.outputs}
     for one in found.axes:
+        if one.dof not in known:
+            raise ConfigError(
+                f"{where}, axis '{one.dof}': its model moves {', '.join(sorted(known)) or 'no axis'}, so that nothing "
+                "tells whether this loop is stable; design it on a model of this axis"
+            )
         _check(one, found.sample_rate_hz, where)
     return found
+
+
+def _check_coils(to_current: list[list[float]], where: str) -> None:
+    """Raise ConfigError unless every coil has one finite number for every axis: they tell a foreign bench."""
+    lengths = sorted({len(row) for row in to_current})
+    whole = len(lengths) == 1 and lengths[0] > 0
+    if not (whole and all(math.isfinite(value) for row in to_current for value in row)):
+        said = "a number that is not finite" if whole else f"{len(to_current)} rows of {lengths or 'no'} numbers"
+        raise ConfigError(
+            f"{where}: to_current has {said}; it needs one finite number per coil and axis, in A per unit of command: "
+            "write it with `mccd design`"
+        )
 
 
 def _check(one: AxisControl, rate_hz: float, where: str) -> None:

@@ -138,7 +138,7 @@ class Design:
         largest, _ = self._once(
             ("loop", dof, id(controller)), lambda: (self._largest_pole(dof, controller), controller)
         )
-        if largest >= 1.0:
+        if not largest < 1.0:
             raise ConfigError(
                 f"controller of {dof}: its loop around design model '{self.model.name}' is unstable, the largest "
                 f"closed-loop pole is {largest:.4f} from zero, the limit is 1; lower the gain (tuning.feedback_factor)"

@@ -78,3 +78,41 @@ def test_delays_of_the_file_make_the_reading_later_by_their_sum():
         for effects in (quiet, late)
     )
     np.testing.assert_allclose(delayed[3:], prompt[:-3], rtol=0, atol=1e-15)
+
+
+VIBRATIONS = {"broadband-vibration": {"rms": 1e-5}, "vibration-line": {"cosine": 1e-5}}
+
+
+def played_at_rest(model, seed=4):
+    still = np.zeros((2000, 3))
+    return SimBench(model, seed).play(Segment("rest", 2000, still, still)).channels
+
+
+def test_a_ground_that_stands_still_changes_no_bit():
+    model = load_model("as-built")
+    moved = {(e.effect, e.where) for e in model.effects if e.effect in VIBRATIONS}
+    assert moved == {(name, axis) for name in VIBRATIONS for axis in ("theta_x", "theta_y", "z")}
+    without = msgspec.structs.replace(model, effects=[e for e in model.effects if e.effect not in VIBRATIONS])
+    stated, plain = played_at_rest(model), played_at_rest(without)
+    for channel, values in plain.items():
+        np.testing.assert_array_equal(stated[channel], values, err_msg=channel)
+
+
+@pytest.mark.parametrize("name", VIBRATIONS)
+@pytest.mark.parametrize("axis", ["theta_x", "theta_y", "z"])
+def test_a_ground_that_moves_adds_to_its_axis_and_leaves_all_other_noise_as_it_was(name, axis):
+    model = load_model("as-built")
+    effects = [
+        msgspec.structs.replace(e, parameters={**e.parameters, **VIBRATIONS[name]})
+        if (e.effect, e.where) == (name, axis)
+        else e
+        for e in model.effects
+    ]
+    still, moved = played_at_rest(model), played_at_rest(msgspec.structs.replace(model, effects=effects))
+    # what a torque of 1e-5 N m deflects at rest, and a force of 1e-5 N
+    size = {"theta_x": 9e-7, "theta_y": 9e-7, "z": 6e-9}[axis]
+    off = {dof: np.max(np.abs(moved[dof] - still[dof])) for dof in ("theta_x", "theta_y", "z")}
+    assert 0.1 * size < off[axis] < 100.0 * size
+    # the axes are apart but for the rounding of the heads' transformation
+    assert all(off[dof] < 1e-9 for dof in off if dof != axis)
+    np.testing.assert_array_equal(moved["current_a1"], still["current_a1"])

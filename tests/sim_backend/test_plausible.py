@@ -6,13 +6,14 @@ import tomllib
 from collections.abc import Iterator
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import tomli_w
 
 from sim_backend.bench import Segment
 from sim_backend.errors import ConfigError
-from sim_backend.model import bundled_models, dump_model, load_model, parse_model
+from sim_backend.model import EffectEntry, Quantity, bundled_models, dump_model, load_model, number, parse_model
 from sim_backend.simbench import SimBench
 from tests.small_bench import NOISE, bench_model
 
@@ -81,6 +82,62 @@ def test_the_message_names_the_number_its_value_and_the_limit(old: str, new: str
     with pytest.raises(ConfigError) as caught:
         parse_model(text.replace(old, new, 1), "m.toml")
     assert str(caught.value).startswith(f"m.toml: {said}")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        # 5.7 N/A times 9 A are 51.3 N
+        (
+            {"continuous_force_n": 51.4},
+            "is 51.4 N, but a peak current of 9 A gives 51.3 N with 5.7 N/A; state at most 51.3",
+        ),
+        (
+            {"peak_current_a": 1.5},
+            "is 9 N, but a peak current of 1.5 A gives 8.55 N .* peak current of 1.57895 A or more",
+        ),
+        ({"force_constant_n_a": 0.9}, "is 9 N, but a peak current of 9 A gives 8.1 N with 0.9 N/A"),
+        (
+            {"peak_current_a": Quantity(value=1.5, origin="printed", source="a book")},
+            "is 9 N, but a peak current of 1.5 A",
+        ),
+    ],
+)
+def test_limits_of_the_hardware_that_contradict_each_other_are_refused(changes: dict[str, Any], said: str) -> None:
+    model = bench_model(NOISE)
+    assert model.hardware is not None
+    wrong = msgspec.structs.replace(model, hardware=msgspec.structs.replace(model.hardware, **changes))
+    with pytest.raises(ConfigError, match=f"m.toml: hardware.continuous_force_n {said}"):
+        parse_model(dump_model(wrong), "m.toml")
+
+
+@pytest.mark.parametrize("changes", [{"continuous_force_n": 51.3}, {"peak_current_a": 9.0 / 5.7}])
+def test_a_continuous_force_may_be_all_that_the_peak_current_gives(changes: dict[str, float]) -> None:
+    model = bench_model(NOISE)
+    assert model.hardware is not None
+    at_most = msgspec.structs.replace(model, hardware=msgspec.structs.replace(model.hardware, **changes))
+    assert parse_model(dump_model(at_most), "m.toml") == at_most
+
+
+def test_what_a_diagnosis_finds_may_contradict_the_hardware() -> None:
+    found = (
+        EffectEntry(effect="amplifier-saturation", where="A1", parameters={"limit": 5.0}),
+        EffectEntry(effect="end-stop-contact", where="A2", parameters={"gap": 1e-4, "stiffness": 4e5}),
+    )
+    model = bench_model(found)
+    assert parse_model(dump_model(model), "m.toml") == model
+
+
+def test_the_bench_as_built_is_at_one_with_its_hardware() -> None:
+    model = load_model("as-built")
+    assert model.hardware is not None
+    hardware, radius_m = model.hardware, number(model.hardware.actuators.radius_m)
+    limits = {number(e.parameters["limit"]) for e in model.effects if e.effect == "amplifier-saturation"}
+    gaps = {number(e.parameters["gap"]) for e in model.effects if e.effect == "end-stop-contact"}
+    assert limits == {number(hardware.peak_current_a)}
+    assert gaps == {number(hardware.end_stop_z_m)}
+    # the file has four digits of the gap
+    assert number(hardware.end_stop_z_m) == pytest.approx(radius_m * number(hardware.end_stop_angle_rad), rel=5e-5)
 
 
 def test_a_simulation_that_diverges_says_where() -> None:

@@ -32,16 +32,17 @@ def test_benches_that_differ_in_numbers_alone_are_connected_once(monkeypatch):
     other = msgspec.structs.replace(model, modes=model.modes[::-1], name="another")
     for one in (model, other):
         SimBench(one, 1)
-    # delays and modes change the linear model, and amplifiers without a lag are left out
-    apart = ("delay", "extra-resonance", "amplifier-lag")
+    # delays and modes change the linear model, amplifiers without a lag and a ground that stands still are left out
+    apart = ("delay", "extra-resonance", "amplifier-lag", "broadband-vibration", "vibration-line")
     assert asked == [sum(e.effect not in apart for e in model.effects)]
 
 
 def test_what_is_left_out_has_its_place_all_the_same():
     model = load_model("as-built")
-    stray = EffectEntry(effect="amplifier-lag", where="a4", parameters={"time_constant_s": 0.0})
-    with pytest.raises(ConfigError, match="amplifier-lag: there is no 'a4' on this bench"):
-        SimBench(msgspec.structs.replace(model, effects=[*model.effects, stray]), 1)
+    for name, size in (("amplifier-lag", "time_constant_s"), ("broadband-vibration", "rms")):
+        stray = EffectEntry(effect=name, where="a4", parameters={size: 0.0})
+        with pytest.raises(ConfigError, match=f"{name}: there is no 'a4' on this bench"):
+            SimBench(msgspec.structs.replace(model, effects=[*model.effects, stray]), 1)
 
 
 def test_what_a_bench_changes_stays_its_own():

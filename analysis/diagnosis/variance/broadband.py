@@ -61,7 +61,8 @@ def broadband(setting: Setting, fit: Fit) -> list[Chance]:
     if not (_steady(setting, linear, series, found.band) and _random(setting, linear, series, found.band)):
         return []
     place = setting.places.inputs[found.band.input]
-    known = any(isinstance(e, BroadbandVibration) and e.where == place for e in (*setting.known, *fit.effects))
+    there = [e for e in (*setting.known, *fit.effects) if isinstance(e, BroadbandVibration) and not e.is_neutral()]
+    known = any(e.where == place for e in there)
     # such noise through the plant is an amplifier's, white or behind a low pass, which is no error of a simulation; nor
     # is a reading's own, which as the likelier one leaves nothing to name
     if known or found.lead < -SURE_LEAD or found.reading_lead < 0.0:

@@ -1,4 +1,4 @@
-"""Every rule against numbers by hand; the stored ones are computed again in test_table_6_4.py."""
+"""Every rule against numbers by hand; the stored ones: test_rounding.py, test_table_6_4.py."""
 
 import numpy as np
 import pytest

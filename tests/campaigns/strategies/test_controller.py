@@ -1,5 +1,7 @@
 """A controller file comes back as it was written, and one that no strategy could play is refused."""
 
+import math
+
 import msgspec
 import numpy as np
 import pytest
@@ -30,7 +32,16 @@ AXIS = AxisControl(
     wait_s=0.4,
     gains=[1.0, 0.5],
 )
-WHOLE = Controller(name="small", sample_rate_hz=10_000.0, model=bench_model(hardware=False), axes=[AXIS])
+COILS = SimBench(bench_model(), 0).limits.to_current.tolist()
+WHOLE = Controller(
+    name="small", sample_rate_hz=10_000.0, model=bench_model(hardware=False), axes=[AXIS], to_current=COILS
+)
+ONE = {"a": [[[0.5, 0.0], [0.0, 0.0]]], "b": [[1.0, 0.0]], "c": [[1.0, 0.0]], "d": 0.0}
+"""One sound block."""
+
+
+def blocks(**changes):
+    return Blocks(**{**ONE, **changes})
 
 
 def test_it_comes_back_as_it_was_written(tmp_path):
@@ -77,6 +88,39 @@ def test_a_move_that_would_take_for_ever_is_refused():
             "shape",
         ),
         ({"feedback": Blocks(a=[[[0.5], [0.0, 0.0]]], b=[], c=[], d=0.0)}, "different lengths"),
+        # there is no improper filter in blocks; one without some of its parts is no filter
+        *(({part: blocks(**{name: []})}, "shape") for part in ("feedback", "learning") for name in ("a", "b", "c")),
+        *(
+            ({part: blocks(**change)}, "(not|must be) finite")
+            for part in ("feedback", "learning")
+            for bad in (math.nan, math.inf, -math.inf)
+            for change in (
+                {"a": [[[bad, 0.0], [0.0, 0.0]]]},
+                {"b": [[bad, 0.0]]},
+                {"c": [[1.0, bad]]},
+                {"d": bad},
+            )
+        ),
+        ({"feedback": blocks(a=[[[0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]])}, "a has shape"),
+        ({"feedback": blocks(b=[[1.0]])}, "b has shape"),
+        ({"learning": blocks(c=[[1.0, 0.0], [1.0, 0.0]])}, "c has shape"),
+        ({"feedback": blocks(integrator=0)}, "block 0 of 1 is not an integrator"),
+        ({"feedback": blocks(integrator=7)}, "block 7 of 1 is not an integrator"),
+        ({"feedback": blocks(integrator=-1)}, "block -1 of 1 is not an integrator"),
+        *(
+            ({name: bad}, message)
+            for bad in (math.nan, math.inf)
+            for name, message in (
+                ("reach_rad", "reach_rad"),
+                ("concentration", "concentration"),
+                ("q_cutoff_hz", "Q filter"),
+                ("wait_s", "neither may be negative"),
+                ("shrinks_to", "shrinks_to"),
+            )
+        ),
+        ({"gains": [math.inf]}, "learning gains"),
+        ({"move_samples": 0}, "move"),
+        ({"q_half_length": -1}, "Q filter"),
     ],
 )
 def test_what_cannot_be_played_is_refused(change, message):
@@ -89,6 +133,50 @@ def test_what_cannot_be_played_is_refused(change, message):
 def test_what_is_no_controller_is_refused(text):
     with pytest.raises(ConfigError, match="x.toml: .*mccd design"):
         parse_controller(text, "x.toml")
+
+
+@pytest.mark.parametrize("number", ["1e999", "[[1, 2]]", '"0.5"', "true", "{ value = 0.5 }"])
+def test_a_gain_that_is_no_number_is_refused(number):
+    text = dump_controller(msgspec.structs.replace(WHOLE, axes=[msgspec.structs.replace(AXIS, reach_rad=0.25)]))
+    with pytest.raises(ConfigError, match=r"x\.toml"):
+        parse_controller(text.replace("reach_rad = 0.25", f"reach_rad = {number}"), "x.toml")
+
+
+def test_a_filter_without_blocks_is_a_gain():
+    gain = msgspec.structs.replace(AXIS, feedback=Blocks(a=[], b=[], c=[], d=0.25))
+    back = parse_controller(dump_controller(msgspec.structs.replace(WHOLE, axes=[gain])), "x.toml")
+    played = back.axes[0].feedback.filter(10_000.0)
+    np.testing.assert_array_equal(played.frequency_response([0.0, 100.0, 4999.0]), 0.25)
+
+
+@pytest.mark.parametrize(
+    ("coils", "said"),
+    [
+        ([], "0 rows of no numbers"),
+        ([[]], r"1 rows of \[0\] numbers"),
+        ([[1.0, 2.0], [1.0]], r"2 rows of \[1, 2\] numbers"),
+        ([[1.0, math.nan]], "not finite"),
+        ([[1.0, -math.inf]], "not finite"),
+    ],
+)
+def test_coils_that_tell_no_bench_are_refused(coils, said):
+    text = dump_controller(msgspec.structs.replace(WHOLE, to_current=coils))
+    with pytest.raises(ConfigError, match=f"x.toml: to_current has .*{said}.*write it with `mccd design`"):
+        parse_controller(text, "x.toml")
+
+
+def test_a_file_must_say_for_which_coils_it_is():
+    lines = dump_controller(WHOLE).splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("to_current"))
+    stop = next(i for i in range(start, len(lines)) if lines[i].strip() == "]") if lines[start].endswith("[") else start
+    with pytest.raises(ConfigError, match="x.toml: .*to_current.*mccd design"):
+        parse_controller("\n".join(lines[:start] + lines[stop + 1 :]), "x.toml")
+
+
+def test_an_axis_that_the_model_does_not_move_is_refused():
+    stray = msgspec.structs.replace(WHOLE, axes=[AXIS, msgspec.structs.replace(AXIS, dof="phi")])
+    with pytest.raises(ConfigError, match="x.toml, axis 'phi': its model moves .*theta_y.*whether this loop is stable"):
+        parse_controller(dump_controller(stray), "x.toml")
 
 
 def test_an_axis_twice_or_none_is_refused():
@@ -114,8 +202,10 @@ def test_a_controller_whose_model_has_another_rate_is_refused():
 def test_a_bench_of_other_units_or_coils_is_foreign():
     bench = SimBench(bench_model(), 0)
     WHOLE.require_bench(bench)
-    own = msgspec.structs.replace(WHOLE, to_current=bench.limits.to_current.tolist())
-    own.require_bench(bench)
+    # within a tenth it is the same bench; a bench without coils has a coil of its own for every axis
+    msgspec.structs.replace(WHOLE, to_current=(1.05 * bench.limits.to_current).tolist()).require_bench(bench)
+    with pytest.raises(ConfigError, match="design one for this bench"):
+        WHOLE.require_bench(SimBench(bench_model(hardware=False), 0))
     outputs = [msgspec.structs.replace(p, unit="mrad" if p.unit == "rad" else p.unit) for p in WHOLE.model.outputs]
     in_mrad = msgspec.structs.replace(WHOLE, model=msgspec.structs.replace(WHOLE.model, outputs=outputs))
     with pytest.raises(ConfigError, match="theta_x in mrad, the bench's is in rad.*another bench"):

@@ -50,7 +50,8 @@ def controller(model=None):
         wait_s=0.4,
         gains=[GAIN] * 4,
     )
-    return Controller(name="test", sample_rate_hz=RATE_HZ, model=known, axes=[axis])
+    coils = SimBench(bench_model(), 0).limits.to_current.tolist()
+    return Controller(name="test", sample_rate_hz=RATE_HZ, model=known, axes=[axis], to_current=coils)
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 from analysis.diagnosis.records.dataset import Window
 from analysis.diagnosis.variance.broadband import broadband
 from analysis.diagnosis.variance.torques import resonator
+from sim_backend.effects.broadband_vibration import BroadbandVibration
 from tests.analysis.diagnosis.residuals import RATE_HZ, moved, setting_of
 
 N = 24_000
@@ -51,6 +52,15 @@ def test_a_band_is_found_and_measured(rms: float, centre_hz: float, width_hz: fl
         off.append([(getattr(cause.effect, k) - v) / cause.std[k] for k, v in truth.items()])
     # half a standard deviation more for what a digital resonator differs from a continuous one
     assert np.max(np.abs(np.mean(off, axis=0))) < 3.0 / math.sqrt(len(off)) + 0.5
+
+
+@pytest.mark.parametrize(("rms", "found"), [(0.0, 1), (0.01, 0)])
+def test_a_model_that_states_a_vibration_of_zero_hides_none(rms: float, found: int) -> None:
+    """One that the model has already is not named again; an entry without a size is none."""
+    setting, fit = _case(0, 0.01, 30.0, 6.0)
+    (place,) = setting.places.inputs
+    stated = BroadbandVibration(place, rms=rms, centre_hz=30.0, bandwidth_hz=6.0)
+    assert len(broadband(replace(setting, known=(stated,)), fit)) == found
 
 
 def test_none_is_found_in_coloured_noise_alone() -> None:
