@@ -173,9 +173,9 @@ def test_it_asks_for_what_a_plan_does_not_record():
 def test_the_band_is_the_one_that_a_chop_settles_to():
     from analysis.measurements.settling import BAND_RAD
     from analysis.recorded.requirements import POWER_W
-    from campaigns.strategies import watch
+    from campaigns.strategies import overload
 
-    assert CONVERGED_RAD == BAND_RAD and watch.POWER_W == POWER_W
+    assert CONVERGED_RAD == BAND_RAD and overload.POWER_W == POWER_W
 
 
 def test_near_its_floor_an_error_need_not_shrink_but_must_not_grow():

@@ -1,0 +1,151 @@
+"""The interlock of every plan: what the coils stand for good, in force (rms) and dissipation.
+
+A feed-forward is predicted before anything moves; what a feedback or learning adds is judged after each segment.
+Both are means over the last WINDOW_S, so that a short move may take the peak current, and many in a row may not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.bench import Bench, Coil, Limits, Record, Segment
+from sim_backend.errors import ConfigError
+
+Array = NDArray[np.float64]
+
+POWER_W = 1.0
+"""Mean dissipation of all coils; Table 6.6."""
+
+WINDOW_S = 2.0
+"""Time over which force and dissipation are averaged: the period of the paper's slow chop, 0.5 Hz. Assumed: the paper
+does not say how long the coils take to warm up."""
+
+BLOCK_S = 0.1
+"""The window ends at multiples of this."""
+
+
+def dissipated_w(rms_a: Array, coil: Coil) -> float:
+    """Return the mean dissipation of coils that carry `rms_a` (n_a,), a part or whole cycles long; section 6.2.1."""
+    return float(np.sum((coil.force_constant_n_a / coil.steepness_n_sqrt_w * rms_a) ** 2))
+
+
+def overload(rms_a: Array, coil: Coil) -> str:
+    """Return which limit coils that carry `rms_a` (n_a,) exceed, by how much; empty where they keep both."""
+    power = dissipated_w(rms_a, coil)
+    if not power <= POWER_W:
+        return f"the coils dissipate {power:.3g} W, the limit is {POWER_W:g} W"
+    force = coil.force_constant_n_a * rms_a
+    if not np.all(force <= coil.continuous_force_n):
+        worst = int(np.argmax(force))
+        return f"actuator {worst + 1} gives {force[worst]:.3g} N (rms), the limit is {coil.continuous_force_n:g} N"
+    return ""
+
+
+class RunWatch(Protocol):
+    """Judges a run while it is played; `advice` is what to do once it has been stopped."""
+
+    advice: str
+
+    def asked(self, segment: Segment) -> Segment:
+        """Return the segment with the channels recorded that the judgement needs."""
+
+    def failure(self, segment: Segment, record: Record) -> str:
+        """Return why a played segment must be the last one, empty where it need not."""
+
+    def fallback(self, last: Segment) -> tuple[Segment, int] | None:
+        """Return what brings the bench back after `last`, and the cycle that it repeats; None to make it safe now."""
+
+
+class _Window:
+    """Means over the last WINDOW_S of currents as they come; before the first there were none.
+
+    Coils may be overloaded for `allowed_s` in all.
+    """
+
+    def __init__(self, coil: Coil, n_actuators: int, rate_hz: float, allowed_s: float) -> None:
+        self._coil, self._allowed_s = coil, allowed_s
+        self._block = max(round(BLOCK_S * rate_hz), 1)
+        self._block_s = self._block / rate_hz
+        self._count = max(round(WINDOW_S / self._block_s), 1)
+        self._tail = np.zeros((self._count - 1, n_actuators))
+        self._begun = np.zeros((0, n_actuators))
+        self._over_s = 0.0
+
+    def add(self, current_a: Array) -> str:
+        """Add currents (n, n_a) and return why the coils are overloaded for too long, empty where they are not."""
+        square = np.concatenate([self._begun, current_a**2])
+        whole = len(square) // self._block * self._block
+        self._begun = square[whole:]
+        blocks = np.concatenate([self._tail, square[:whole].reshape(-1, self._block, square.shape[1]).mean(axis=1)])
+        self._tail = blocks[len(blocks) - (self._count - 1) :]
+        if not whole:
+            return ""
+        mean = np.lib.stride_tricks.sliding_window_view(blocks, self._count, axis=0).mean(axis=-1)
+        for one in np.sqrt(mean):
+            if why := overload(one, self._coil):
+                self._over_s += self._block_s
+                if self._over_s > self._allowed_s + 0.5 * self._block_s:
+                    return why + (f" for at most {self._allowed_s:g} s in all" if self._allowed_s else "")
+        return ""
+
+
+class Forecast:
+    """Judges the feed-forward of a run's segments before any of them is played."""
+
+    def __init__(self, limits: Limits, rate_hz: float, allowed_s: float) -> None:
+        self._limits, coil = limits, limits.coil
+        self._window = None if coil is None else _Window(coil, limits.to_current.shape[0], rate_hz, allowed_s)
+
+    def require(self, segment: Segment) -> None:
+        """Raise ConfigError where the feed-forward of the next segment overloads the coils."""
+        if self._window is not None and (why := self._window.add(_commanded(segment, self._limits))):
+            raise ConfigError(
+                f"segment '{segment.label}': by its feed-forward {why} (mean over {WINDOW_S:g} s); make the waveform "
+                "smaller or slower, or play less of it at a time"
+            )
+
+
+class Interlock:
+    """Judges each segment of a run by the currents that were measured, else by those that were commanded."""
+
+    advice = "make the waveform smaller or slower, or the feedback weaker"
+
+    def __init__(self, bench: Bench, coil: Coil, allowed_s: float = 0.0) -> None:
+        self._limits = bench.limits
+        actuators, rate_hz = self._limits.to_current.shape[0], bench.signals[0].sample_rate_hz
+        self._window = _Window(coil, actuators, rate_hz, allowed_s)
+        self._inputs = tuple(s.name for s in bench.signals if s.role == "input")[: len(bench.axes)]
+        measured = tuple(s.name for s in bench.signals if s.role == "aux" and s.unit == "A")
+        self._currents = measured if len(measured) == actuators else ()
+
+    def asked(self, segment: Segment) -> Segment:
+        """Return the segment with the channels recorded that tell what a feedback or learning adds."""
+        if not segment.record or not any(one is not None for one in (*segment.feedback, *segment.learning)):
+            return segment
+        needed = self._currents or self._inputs
+        return replace(segment, record=(*segment.record, *(name for name in needed if name not in segment.record)))
+
+    def failure(self, segment: Segment, record: Record) -> str:
+        """Return why a played segment must be the last one, empty where it need not."""
+        current = _commanded(segment, self._limits)
+        for names, to_current in ((self._inputs, self._limits.to_current), (self._currents, None)):
+            if names and all(name in record.channels for name in names):
+                read = np.stack([record.channels[name] for name in names], axis=1)
+                read = read if to_current is None else read @ to_current.T
+                current = np.where(np.isfinite(read), read, current)
+        why = self._window.add(current)
+        return f"segment '{segment.label}': {why} (mean over {WINDOW_S:g} s)" if why else ""
+
+    def fallback(self, last: Segment) -> tuple[Segment, int] | None:
+        """Return None: without a strategy there is nothing to go back to."""
+        return None
+
+
+def _commanded(segment: Segment, limits: Limits) -> Array:
+    """Return the currents (n_samples, n_a) of the feed-forward."""
+    period = segment.feedforward @ limits.to_current.T
+    return period[np.arange(segment.n_samples) % len(period)]
