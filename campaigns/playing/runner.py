@@ -141,7 +141,7 @@ def _fall_back(watch: RunWatch, last: Segment, bench: Bench, writer: LogWriter, 
     """Bring the bench back to its last good drive and return what was done, and what to do."""
     found = watch.fallback(last)
     if found is None:
-        done = "there was no good cycle or no stable feedback to go back to, so the bench was made safe at once"
+        done = "there was nothing safe to go back to, so the bench was made safe at once"
     else:
         try:
             _play(found[0], found[0], bench, writer, signals)

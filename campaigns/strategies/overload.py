@@ -45,6 +45,14 @@ def overload(rms_a: Array, coil: Coil) -> str:
     return ""
 
 
+def require_cycle(label: str, feedforward: Array, limits: Limits) -> None:
+    """Raise ConfigError where the coils may not take a cycle of feed-forward (period, n_axes) again and again."""
+    if limits.coil is None:
+        return
+    if why := overload(np.sqrt(np.mean((feedforward @ limits.to_current.T) ** 2, axis=0)), limits.coil):
+        raise ConfigError(_refused(label, why, "mean over a cycle"))
+
+
 class RunWatch(Protocol):
     """Judges a run while it is played; `advice` is what to do once it has been stopped."""
 
@@ -103,10 +111,7 @@ class Forecast:
     def require(self, segment: Segment) -> None:
         """Raise ConfigError where the feed-forward of the next segment overloads the coils."""
         if self._window is not None and (why := self._window.add(_commanded(segment, self._limits))):
-            raise ConfigError(
-                f"segment '{segment.label}': by its feed-forward {why} (mean over {WINDOW_S:g} s); make the waveform "
-                "smaller or slower, or play less of it at a time"
-            )
+            raise ConfigError(_refused(segment.label, why, f"mean over {WINDOW_S:g} s"))
 
 
 class Interlock:
@@ -143,6 +148,10 @@ class Interlock:
     def fallback(self, last: Segment) -> tuple[Segment, int] | None:
         """Return None: without a strategy there is nothing to go back to."""
         return None
+
+
+def _refused(label: str, why: str, over: str) -> str:
+    return f"segment '{label}': by its feed-forward {why} ({over}); make the waveform smaller or slower"
 
 
 def _commanded(segment: Segment, limits: Limits) -> Array:
