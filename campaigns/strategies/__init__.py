@@ -65,19 +65,19 @@ def _played_by(strategy: str) -> Strategy:
 def promise_of(name: str, task: Task, design: Design) -> Promise:
     """Return what a strategy by name promises of a chop."""
     from campaigns.strategies.stages import move_samples, moving  # a name alone is checked without numpy
-    from campaigns.strategies.watch import Promise
+    from campaigns.strategies.watch import RINGING_S, Promise
 
     controls = [None if design.controller is None else design.controller.axis(dof) for dof in task.axes]
     axes = tuple(i for i, moves in enumerate(moving(task)) if moves)
-    # the feed-forward of the others knows less of the move, or nothing: on the bench as built the paper's strategies
-    # are up to 72 µrad off after their step, in every cycle
-    learned = STRATEGIES.get(name) == "designed:learned_stages"
+    # the feed-forward of the others knows less of the move, or nothing
+    learned, step = STRATEGIES.get(name) == "designed:learned_stages", move_samples(task, design)
     return Promise(
         moving=axes,
         shrinks_to=tuple(1.0 if (one := controls[i]) is None else one.shrinks_to for i in axes),
-        held=tuple(i for i, one in enumerate(controls) if one is not None and learned),
-        step_samples=move_samples(task, design),
+        held=tuple(i for i, one in enumerate(controls) if one is not None) if learned else axes,
+        step_samples=step if learned else max(step, round(RINGING_S * design.rate_hz)),
         feedback=_brings_back(task, design, axes),
+        knows_move=learned,
     )
 
 

@@ -8,10 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from campaigns.plans import make_plan
 from campaigns.strategies.watch import CONVERGED_RAD, Promise, Watch
 from sim_backend.bench import Gate, Learning, Record, Segment
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.feedback import theta_controller
+from sim_backend.model import load_model
 from sim_backend.simbench import SimBench
 from tests.small_bench import bench_model
 
@@ -194,6 +196,27 @@ def test_what_is_not_learned_must_not_run_away():
     assert said(300e-6, 340e-6, 320e-6, 345e-6) == [""] * 4
     *before, last = said(300e-6, 360e-6, 370e-6)
     assert before == ["", ""] and "theta_y strays" in last and "the limit is 350 µrad" in last
+
+
+def test_what_does_not_know_the_move_may_stray_while_it_is_learned_and_not_after():
+    learning, frozen = segment(1.0), segment(None, label="chop")
+    watch = Watch(dataclasses.replace(PROMISE, shrinks_to=(1.0,), knows_move=False), BENCH)
+    assert [watch.failure(learning, record(learning, 1e-3)) for _ in range(5)] == [""] * 5
+    assert "after its step theta_y is off by 60 µrad" in watch.failure(frozen, record(frozen, 60e-6))
+
+
+@pytest.mark.parametrize("strategy", ["hybrid", "mbff", "repetitive", "learned-hybrid", "learned-mbff"])
+def test_the_papers_strategies_are_held_to_it_once_their_ringing_is_over(strategy):
+    plan = make_plan("settling", {"strategy": strategy, "alpha_deg": 90.0})
+    frozen = dataclasses.replace(segment(None, label="chop"), feedback=LOOPS)
+
+    def said(at: slice) -> str:
+        watch = plan.watch(SimBench(load_model("as-built"), 0))
+        channels = record(frozen, 70e-6, at=at).channels
+        return watch.failure(frozen, Record(frozen, {k.replace("_A", "_a"): v for k, v in channels.items()}))
+
+    # 50 ms, or 500 samples, after the move to position 2
+    assert said(slice(0, 500)) == "" and "off by 70 µrad, the limit is 50 µrad" in said(slice(499, 501))
 
 
 def test_another_chop_begins_anew():
