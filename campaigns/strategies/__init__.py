@@ -69,15 +69,15 @@ def promise_of(name: str, task: Task, design: Design) -> Promise:
 
     controls = [None if design.controller is None else design.controller.axis(dof) for dof in task.axes]
     axes = tuple(i for i, moves in enumerate(moving(task)) if moves)
-    # the feed-forward of the others knows less of the move, or nothing
-    learned, step = STRATEGIES.get(name) == "designed:learned_stages", move_samples(task, design)
+    played, step = STRATEGIES.get(name, ""), move_samples(task, design)
+    learned = played == "designed:learned_stages"
+    knows = played.startswith(("feedforward:", "designed:"))  # what the others leave, they have not learned yet
     return Promise(
         moving=axes,
         shrinks_to=tuple(1.0 if (one := controls[i]) is None else one.shrinks_to for i in axes),
-        held=tuple(i for i, one in enumerate(controls) if one is not None) if learned else axes,
+        held=tuple(i for i, one in enumerate(controls) if one is not None) if learned else axes if knows else (),
         step_samples=step if learned else max(step, round(RINGING_S * design.rate_hz)),
         feedback=_brings_back(task, design, axes),
-        knows_move=learned,
     )
 
 

@@ -31,7 +31,7 @@ CYCLES_AT_ONCE = MOST_CYCLES - FALLBACK_CYCLES
 """Cycles in a segment while nothing is learned."""
 
 STRAY_RAD = 50e-6
-"""Error after the step that no chop may keep."""
+"""Error after the step that no chop may keep whose feed-forward knows the move."""
 
 RINGING_S = 0.05
 """Time after which the step of a feed-forward that does not know the cryostat's modes is over. Right after its move it
@@ -56,9 +56,8 @@ class Promise:
 
     `moving` are the axes that move; `shrinks_to` for each of them which part of an error a cycle with gain 1 leaves at
     most, 1 where nothing is proven: then learning may undo STRAY_RAD of what it has achieved. The error of the axes
-    `held` stays below STRAY_RAD except while they move, `step_samples` or longer; and while an input is learned, unless
-    the feed-forward `knows_move`. `feedback` of every axis is what brings the bench back: the paper's, for the one in
-    force may be what fails; None where it is unstable as well.
+    `held` stays below STRAY_RAD except while they move, `step_samples` or longer. `feedback` of every axis is what
+    brings the bench back: the paper's, for the one in force may be what fails; None where it is unstable as well.
     """
 
     moving: tuple[int, ...]
@@ -66,7 +65,6 @@ class Promise:
     held: tuple[int, ...]
     step_samples: int
     feedback: tuple[DiscreteFilter | None, ...] | None
-    knows_move: bool = True
 
 
 @dataclass(frozen=True)
@@ -235,8 +233,6 @@ class Watch:
         return float(min(proven * before_rad + CONVERGED_RAD, wandering))
 
     def _stray(self, cycle: _Cycle) -> str:
-        if learns(cycle.segment.learning) and not self._promise.knows_move:
-            return ""
         strays = not np.all(cycle.after_rad <= STRAY_RAD)
         self._strayed = self._strayed + 1 if strays else 0
         # what is still being learned may stray at first, but no longer than it takes to bring the bench back in time
