@@ -58,6 +58,10 @@ class Limits:
     coil: Coil | None = None
 
 
+UNNAMED = "simulated"
+"""The name of a bench that is simulated within something else, and not opened by an address."""
+
+
 @dataclass(frozen=True)
 class Identity:
     """What a bench says of itself; goes into every log and onto every figure. Never holds simulated parameters."""
