@@ -8,6 +8,7 @@ from campaigns.strategies.controller import (
     AxisControl,
     Blocks,
     Controller,
+    DesignedFor,
     dump_controller,
     load_controller,
     parse_controller,
@@ -123,3 +124,29 @@ def test_a_bench_of_other_units_or_coils_is_foreign():
     for coils in ((2.0 * bench.limits.to_current).tolist(), bench.limits.to_current[:2].tolist()):
         with pytest.raises(ConfigError, match="coils with up to .* design one for this bench"):
             msgspec.structs.replace(WHOLE, to_current=coils).require_bench(bench)
+
+
+@pytest.mark.parametrize(
+    ("identity", "expected"),
+    [
+        ({"kind": "sim", "name": "as-built", "serial": "seed-3", "version": "1"}, DesignedFor(name="as-built")),
+        ({"kind": "emulator", "name": "as-built", "serial": "seed-4", "version": "1"}, DesignedFor(name="as-built")),
+        ({"kind": "serial", "name": "chopper", "serial": "A7"}, DesignedFor(name="chopper", serial="A7")),
+        ({"kind": "tcp", "name": "chopper", "serial": "A7"}, DesignedFor(name="chopper", serial="A7")),
+        ({"kind": "sim", "name": "simulated", "serial": "seed-0"}, None),  # within something else
+        ({}, None),  # an imported log
+    ],
+)
+def test_a_bench_is_known_by_its_name_and_unless_it_is_simulated_by_its_serial_number(identity, expected):
+    assert DesignedFor.of(identity) == expected
+
+
+def test_another_bench_by_name_or_serial_number_is_foreign():
+    here = SimBench(bench_model(), 7, name="here")
+    for own in (None, DesignedFor(name="here")):
+        msgspec.structs.replace(WHOLE, bench=own).require_bench(here)
+    for other in (DesignedFor(name="there"), DesignedFor(name="here", serial="A7")):
+        made = parse_controller(dump_controller(msgspec.structs.replace(WHOLE, bench=other)), "x.toml")
+        with pytest.raises(ConfigError, match=rf"designed for the bench '{other.name}'.*this is 'here'.*\[bench\]"):
+            made.require_bench(here)
+        made.require_bench(SimBench(bench_model(), 7))
