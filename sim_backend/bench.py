@@ -61,6 +61,9 @@ class Limits:
 UNNAMED = "simulated"
 """The name of a bench that is simulated within something else, and not opened by an address."""
 
+SIMULATED = ("sim", "emulator")
+"""The kinds of bench that are simulated: their serial number is the seed."""
+
 
 @dataclass(frozen=True)
 class Identity:

@@ -17,8 +17,7 @@ import msgspec
 import numpy as np
 import tomli_w
 
-from campaigns.benches import BENCHES
-from sim_backend.bench import MAX_TAPS, UNNAMED, Bench
+from sim_backend.bench import MAX_TAPS, SIMULATED, UNNAMED, Bench
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.concentrated import concentrated_move
 from sim_backend.control.repetitive import q_taps
@@ -114,10 +113,10 @@ class DesignedFor(_Strict, frozen=True, kw_only=True):
 
         The serial number of a simulated bench is its seed.
         """
-        name, kind = identity.get("name", ""), BENCHES.get(identity.get("kind", ""))
+        name = identity.get("name", "")
         if name in ("", UNNAMED):
             return None
-        return cls(name=name, serial="" if kind is not None and kind.repeatable else identity.get("serial", ""))
+        return cls(name=name, serial="" if identity.get("kind") in SIMULATED else identity.get("serial", ""))
 
     def __str__(self) -> str:
         return f"'{self.name}'" + (f" (serial number {self.serial})" if self.serial else "")

@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from campaigns.benches import BENCHES
 from campaigns.strategies.controller import (
     AxisControl,
     Blocks,
@@ -13,6 +14,7 @@ from campaigns.strategies.controller import (
     load_controller,
     parse_controller,
 )
+from sim_backend.bench import SIMULATED
 from sim_backend.control.feedback import theta_controller
 from sim_backend.errors import ConfigError
 from sim_backend.simbench import SimBench
@@ -139,6 +141,10 @@ def test_a_bench_of_other_units_or_coils_is_foreign():
 )
 def test_a_bench_is_known_by_its_name_and_unless_it_is_simulated_by_its_serial_number(identity, expected):
     assert DesignedFor.of(identity) == expected
+
+
+def test_the_kinds_that_are_simulated_are_those_that_repeat_their_records():
+    assert set(SIMULATED) == {name for name, kind in BENCHES.items() if kind.repeatable}
 
 
 def test_another_bench_by_name_or_serial_number_is_foreign():
