@@ -58,12 +58,14 @@ class Reach:
 class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Base of all plans; a subclass adds its settings, its `name`, its `title` and `segments`.
 
-    `overload_s` is for how long in all its runs may be above the continuous limits of the coils, on purpose.
+    `overload_s` is for how long in all its runs may be above the continuous limits of the coils, on purpose; they hold
+    for each period of a waveform where its watch judges `by_cycle`.
     """
 
     name: ClassVar[str]
     title: ClassVar[str]
     overload_s: ClassVar[float] = 0.0
+    by_cycle: ClassVar[bool] = False
 
     def segments(self, bench: Bench) -> Iterator[Segment]:
         """Yield what is to be played on `bench`, in order; raises ConfigError for what the bench cannot be asked."""
@@ -233,7 +235,7 @@ def _checked(plan: Plan, bench: Bench) -> Iterator[tuple[Segment, Demand]]:
     channels, limits, labels = plan.channels(bench), bench.limits, set[str]()
     rate, samples = rate_of(bench), 0
     demand, waves = None, (np.empty(0), np.empty(0))
-    forecast = Forecast(limits, rate, plan.overload_s)
+    forecast = Forecast(limits, rate, plan.overload_s, plan.by_cycle)
     for segment in plan.segments(bench):
         samples += segment.n_samples
         require_at_once(f"plan {plan.name}: segment '{segment.label}'", segment.n_samples, len(channels), rate)

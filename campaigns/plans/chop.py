@@ -11,7 +11,6 @@ import numpy as np
 from campaigns.plans.base import Plan, channels_of, longest_segment, rate_of
 from campaigns.sizes import samples_of, wave_samples
 from campaigns.strategies import check_strategy, promise_of, stages_of
-from campaigns.strategies.overload import require_cycle
 from campaigns.strategies.stages import Task, Tuning, learns, stage_segments
 from campaigns.strategies.watch import CYCLES_AT_ONCE, Watch
 from sim_backend.bench import Bench, Segment
@@ -32,6 +31,7 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "chop"
     title: ClassVar[str] = "chop between two positions"
+    by_cycle: ClassVar[bool] = True
 
     alpha_deg: float = 0.0
     from_rad: float = 0.0
@@ -90,8 +90,6 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
             design.controller.require_bench(bench)
         for stage in stages_of(self.strategy, task, design):
             n_samples = chopping if stage.n_samples is None else stage.n_samples
-            if n_samples >= task.period:  # as the watch judges them
-                require_cycle(stage.label, stage.feedforward, bench.limits)
             most = task.period if learns(stage.learning) else longest
             # what learning has left is judged by its first cycle
             first = task.period if stage.n_samples is None else most

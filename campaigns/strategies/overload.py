@@ -45,14 +45,6 @@ def overload(rms_a: Array, coil: Coil) -> str:
     return ""
 
 
-def require_cycle(label: str, feedforward: Array, limits: Limits) -> None:
-    """Raise ConfigError where the coils may not take a cycle of feed-forward (period, n_axes) again and again."""
-    if limits.coil is None:
-        return
-    if why := overload(np.sqrt(np.mean((feedforward @ limits.to_current.T) ** 2, axis=0)), limits.coil):
-        raise ConfigError(_refused(label, why, "mean over a cycle"))
-
-
 class RunWatch(Protocol):
     """Judges a run while it is played; `advice` is what to do once it has been stopped."""
 
@@ -102,16 +94,29 @@ class _Window:
 
 
 class Forecast:
-    """Judges the feed-forward of a run's segments before any of them is played."""
+    """Judges the feed-forward of a run's segments before any of them is played.
 
-    def __init__(self, limits: Limits, rate_hz: float, allowed_s: float) -> None:
-        self._limits, coil = limits, limits.coil
-        self._window = None if coil is None else _Window(coil, limits.to_current.shape[0], rate_hz, allowed_s)
+    Whole cycles are judged each on its own as well, if they are `by_cycle` while they are played.
+    """
+
+    def __init__(self, limits: Limits, rate_hz: float, allowed_s: float, by_cycle: bool) -> None:
+        self._limits, self._coil, self._by_cycle = limits, limits.coil, by_cycle
+        self._window = None if self._coil is None else _Window(self._coil, len(limits.to_current), rate_hz, allowed_s)
 
     def require(self, segment: Segment) -> None:
         """Raise ConfigError where the feed-forward of the next segment overloads the coils."""
-        if self._window is not None and (why := self._window.add(_commanded(segment, self._limits))):
-            raise ConfigError(_refused(segment.label, why, f"mean over {WINDOW_S:g} s"))
+        if self._coil is None or self._window is None:
+            return
+        why, over = "", "a cycle"
+        if self._by_cycle and segment.n_samples >= len(segment.feedforward):
+            why = overload(np.sqrt(np.mean((segment.feedforward @ self._limits.to_current.T) ** 2, axis=0)), self._coil)
+        if not why:
+            why, over = self._window.add(_commanded(segment, self._limits)), f"{WINDOW_S:g} s"
+        if why:
+            raise ConfigError(
+                f"segment '{segment.label}': by its feed-forward {why} (mean over {over}); make the waveform smaller "
+                "or slower"
+            )
 
 
 class Interlock:
@@ -148,10 +153,6 @@ class Interlock:
     def fallback(self, last: Segment) -> tuple[Segment, int] | None:
         """Return None: without a strategy there is nothing to go back to."""
         return None
-
-
-def _refused(label: str, why: str, over: str) -> str:
-    return f"segment '{label}': by its feed-forward {why} ({over}); make the waveform smaller or slower"
 
 
 def _commanded(segment: Segment, limits: Limits) -> Array:

@@ -87,7 +87,7 @@ def test_segments_one_after_the_other_add_up_and_a_pause_helps():
 def test_a_feedforward_that_overheats_is_refused_before_anything_moves(plan, settings, tmp_path):
     bench = SimBench(load_model("as-built"), 0)
     estimate(make_plan(plan, {}), bench)
-    with pytest.raises(ConfigError, match=r"segment .*the limit is 1 W.*smaller or slower"):
+    with pytest.raises(ConfigError, match=rf"plan {plan}: segment .*the limit is 1 W.*smaller or slower"):
         run_plan(make_plan(plan, settings), bench, tmp_path / "run.h5", seed=0)
     assert not (tmp_path / "run.h5").exists()
 
