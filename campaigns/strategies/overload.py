@@ -72,25 +72,36 @@ class _Window:
         self._block_s = self._block / rate_hz
         self._count = max(round(WINDOW_S / self._block_s), 1)
         self._tail = np.zeros((self._count - 1, n_actuators))
-        self._begun = np.zeros((0, n_actuators))
+        self._begun, self._begun_square = 0, np.zeros(n_actuators)
         self._over_s = 0.0
 
-    def add(self, current_a: Array) -> str:
-        """Add currents (n, n_a) and return why the coils are overloaded for too long, empty where they are not."""
-        square = np.concatenate([self._begun, current_a**2])
-        whole = len(square) // self._block * self._block
-        self._begun = square[whole:]
-        blocks = np.concatenate([self._tail, square[:whole].reshape(-1, self._block, square.shape[1]).mean(axis=1)])
+    def add(self, period_a: Array, n_samples: int) -> str:
+        """Add `n_samples` of repeated currents (period, n_a); return why the coils are overloaded, empty if not."""
+        blocks = np.concatenate([self._tail, self._whole_blocks(period_a, n_samples)])
         self._tail = blocks[len(blocks) - (self._count - 1) :]
-        if not whole:
+        if len(blocks) < self._count:
             return ""
         mean = np.lib.stride_tricks.sliding_window_view(blocks, self._count, axis=0).mean(axis=-1)
-        for one in np.sqrt(mean):
+        if not overload(np.sqrt(np.maximum(mean.max(axis=0), 0.0)), self._coil):  # not even the worst of each coil
+            return ""
+        for one in np.sqrt(np.maximum(mean, 0.0)):
             if why := overload(one, self._coil):
                 self._over_s += self._block_s
                 if self._over_s > self._allowed_s + 0.5 * self._block_s:
                     return why + (f" for at most {self._allowed_s:g} s in all" if self._allowed_s else "")
         return ""
+
+    def _whole_blocks(self, period_a: Array, n_samples: int) -> Array:
+        """Return the mean squares (blocks, n_a) of the blocks that are complete with these currents."""
+        period = len(period_a)
+        within = np.concatenate([np.zeros((1, period_a.shape[1])), np.cumsum(period_a**2, axis=0)])
+        ends = np.append(np.arange(self._block - self._begun, n_samples + 1, self._block), n_samples)
+        sums = (ends // period)[:, None] * within[-1] + within[ends % period]
+        sums = np.diff(sums, axis=0, prepend=-self._begun_square[None, :])
+        # without a complete block what was begun goes on, else it begins with what is left over
+        self._begun = self._begun + n_samples if len(sums) == 1 else n_samples - int(ends[-2])
+        self._begun_square = sums[-1]
+        return np.asarray(sums[:-1] / self._block)
 
 
 class Forecast:
@@ -107,11 +118,11 @@ class Forecast:
         """Raise ConfigError where the feed-forward of the next segment overloads the coils."""
         if self._coil is None or self._window is None:
             return
-        why, over = "", "a cycle"
-        if self._by_cycle and segment.n_samples >= len(segment.feedforward):
-            why = overload(np.sqrt(np.mean((segment.feedforward @ self._limits.to_current.T) ** 2, axis=0)), self._coil)
+        why, over, period_a = "", "a cycle", segment.feedforward @ self._limits.to_current.T
+        if self._by_cycle and segment.n_samples >= len(period_a):
+            why = overload(np.sqrt(np.mean(period_a**2, axis=0)), self._coil)
         if not why:
-            why, over = self._window.add(_commanded(segment, self._limits)), f"{WINDOW_S:g} s"
+            why, over = self._window.add(period_a, segment.n_samples), f"{WINDOW_S:g} s"
         if why:
             raise ConfigError(
                 f"segment '{segment.label}': by its feed-forward {why} (mean over {over}); make the waveform smaller "
@@ -141,21 +152,15 @@ class Interlock:
 
     def failure(self, segment: Segment, record: Record) -> str:
         """Return why a played segment must be the last one, empty where it need not."""
-        current = _commanded(segment, self._limits)
+        period_a = segment.feedforward @ self._limits.to_current.T
         for names, to_current in ((self._inputs, self._limits.to_current), (self._currents, None)):
             if names and all(name in record.channels for name in names):
                 read = np.stack([record.channels[name] for name in names], axis=1)
                 read = read if to_current is None else read @ to_current.T
-                current = np.where(np.isfinite(read), read, current)
-        why = self._window.add(current)
+                period_a = np.where(np.isfinite(read), read, period_a[np.arange(len(read)) % len(period_a)])
+        why = self._window.add(period_a, segment.n_samples)
         return f"segment '{segment.label}': {why} (mean over {WINDOW_S:g} s)" if why else ""
 
     def fallback(self, last: Segment) -> tuple[Segment, int] | None:
         """Return None: without a strategy there is nothing to go back to."""
         return None
-
-
-def _commanded(segment: Segment, limits: Limits) -> Array:
-    """Return the currents (n_samples, n_a) of the feed-forward."""
-    period = segment.feedforward @ limits.to_current.T
-    return period[np.arange(segment.n_samples) % len(period)]

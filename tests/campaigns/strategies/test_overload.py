@@ -64,6 +64,23 @@ def test_peaks_are_allowed_as_long_as_their_mean_is():
         estimate(Bursts(torque_nm=6.4 * WATT_NM, on_s=0.005, period_s=0.2, repeats=30), BENCH)
 
 
+def test_where_segments_are_cut_does_not_matter():
+    wave = np.zeros((7, 3))
+    wave[:, 0] = np.sqrt(7.0 / 3.0) * WATT_NM * np.array([1, -1, 0, 0, 1, 0, 0])  # 1 W in the mean
+
+    def stops_at(size: float, n_samples: int) -> int | None:
+        watch = Interlock(BENCH, COIL)
+        for i in range(100_000 // n_samples):
+            segment = Segment("cut", n_samples, np.zeros_like(wave), size * wave)
+            if watch.failure(segment, Record(segment, {})):
+                return i + 1
+        return None
+
+    # the window is full at 20,000 samples, in the 60th segment of 337; a segment need not be whole periods
+    assert (stops_at(0.99, 337), stops_at(0.99, 45_003)) == (None, None)
+    assert (stops_at(1.01, 337), stops_at(1.01, 45_003)) == (60, 1)
+
+
 def test_segments_one_after_the_other_add_up_and_a_pause_helps():
     estimate(Bursts(torque_nm=1.2 * WATT_NM, on_s=1.0, period_s=1.0, repeats=1), BENCH)
     with pytest.raises(ConfigError, match="'burst 2'"):
@@ -129,11 +146,11 @@ def test_nothing_more_is_recorded_where_the_feedforward_says_it_all():
 
 def test_coils_may_be_overloaded_for_as_long_as_a_plan_says():
     wave = np.full((round(4.0 * RATE_HZ), 3), 0.0)
-    wave[:, 0] = 2.0 * WATT_NM
+    wave[:, 0] = 2.1 * WATT_NM
     segment = Segment("pressed", len(wave), np.zeros_like(wave), wave)
-    # 4 W of a whole window are 1 W after half a second, and stay above it for 3.5 s
-    assert Interlock(BENCH, COIL, 3.5).failure(segment, Record(segment, {})) == ""
-    assert "for at most 3.4 s" in Interlock(BENCH, COIL, 3.4).failure(segment, Record(segment, {}))
+    # 4.41 W: their mean over 2 s is above 1 W from the block on that ends at 0.5 s, for 36 blocks
+    assert Interlock(BENCH, COIL, 3.6).failure(segment, Record(segment, {})) == ""
+    assert "for at most 3.5 s" in Interlock(BENCH, COIL, 3.5).failure(segment, Record(segment, {}))
 
 
 def stiff(times: float) -> Model:
