@@ -182,9 +182,11 @@ def is_kept_safe(found: Mapping[str, Any]) -> bool:
 
 
 def reason(found: Mapping[str, Any]) -> str:
-    """Return in words without numbers why a bench did not meet everything; empty where it did."""
+    """Return in words without numbers why a bench did not meet everything, or was not safe; empty where it was both."""
+    why = [] if is_kept_safe(found) else ["not safe"]
     if (error := found.get("error")) is None:
-        return f"missed: {', '.join(missed)}" if (missed := misses(found)) else ""
+        missed = misses(found)
+        return "; ".join([*([f"missed: {', '.join(missed)}"] if missed else []), *why])
     text = re.sub(r"^cycle \d+ \([^)]*\): ", "", error)
     text = re.split(r", the limit|: after |; ", text)[0]
-    return re.sub(r"-?\b\d+(\.\d+)?(e[+-]?\d+)?\b", "#", text)
+    return "; ".join([re.sub(r"-?\b\d+(\.\d+)?(e[+-]?\d+)?\b", "#", text), *why])

@@ -180,18 +180,27 @@ def test_a_result_is_safe_if_each_of_its_chops_was():
     ("found", "expected"),
     [
         (GOOD, ""),
+        ({**GOOD, "safe chop": 0.0}, "not safe"),
+        ({**GOOD, "accuracy": 1.0, "safe chop": 0.0}, "missed: accuracy; not safe"),
+        ({"error": "diverged", "safe": False}, "diverged; not safe"),
         ({**GOOD, "stability": 2e-6, "accuracy": None}, "missed: stability, accuracy"),
         (
-            {"error": "cycle 7 (learning 3): learning of theta_x does not converge: after 19 µrad the …"},
+            {"safe": True, "error": "cycle 7 (learning 3): learning of theta_x does not converge: after 19 µrad the …"},
             "learning of theta_x does not converge",
         ),
         (
-            {"error": "cycle 12 (chop): after its step theta_y is off by 61.2 µrad, the limit is 50 µrad"},
+            {
+                "safe": True,
+                "error": "cycle 12 (chop): after its step theta_y is off by 61.2 µrad, the limit is 50 µrad",
+            },
             "after its step theta_y is off by # µrad",
         ),
         (
-            {"error": "design refused: axis 'theta_x': learning below 820 Hz: a period may leave 0.91 of an error, …"},
-            "design refused: axis 'theta_x': learning below # Hz: a period may leave # of an error, …",
+            {
+                "safe": True,
+                "error": "design refused: axis 'theta_x': learning below 820 Hz: a period may leave 0.91 of it, …",
+            },
+            "design refused: axis 'theta_x': learning below # Hz: a period may leave # of it, …",
         ),
     ],
 )
