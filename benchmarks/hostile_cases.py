@@ -42,7 +42,7 @@ BASES: tuple[tuple[str, ...], ...] = (
     ("compare", "model.toml", "design", "-o", "compared.html"),
     ("completion", "bash"),
     ("config", "show", "chop"),
-    ("design", "--model", "design", "-o", "designed", "--dry-run"),
+    ("design", "--model", "design", "--unswept", "-o", "designed", "--dry-run"),
     ("diagnose", "rest.h5", "--model", "nominal.toml", "--rows", "1000"),
     ("diagnose", "--frf", "response.csv", "--model", "nominal.toml", "--level", "7"),
     ("endstops", "--dry-run"),

@@ -66,7 +66,7 @@ SOUND: tuple[tuple[str, ...], ...] = (
     ("model", "convert", "design-4th-order", "-o", "nominal.toml"),
     ("campaign", "run", "campaign.toml", "-o", "played"),
     ("study", "study.toml", "-o", "studied", "--workers", "1"),
-    ("design", "--model", "design", "-o", "designed"),
+    ("design", "--model", "design", "--unswept", "-o", "designed"),
     ("challenge", "make", "hidden", "--one", "0", "--none", "1", "--shape", "short"),
 )  # fmt: skip
 """What makes the sound files."""

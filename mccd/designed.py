@@ -98,16 +98,20 @@ def design(
     reach_rad: float = 8.5e-3,
     settling_s: float | None = None,
     seed: int = 0,
+    unswept: bool = False,
 ) -> Controller:
     """Return feedback, learning and feed-forward for the tilt axes of a bench, as `mccd design` does.
 
     `runs` hold the noise at rest (plan `rest`) and, where wanted, sweeps and hysteresis loops. Of the `bench` only its
-    limits are asked. `reach_rad` is the stroke of a move, `settling_s` the time that it may take. Raises ConfigError
-    for a design that would be unstable, break a limit or miss a requirement, DataError when no run holds the noise.
+    limits are asked. `reach_rad` is the stroke of a move, `settling_s` the time that it may take; `unswept` trusts the
+    model where no run sweeps an axis. Raises ConfigError for an axis that must be swept, for runs of several benches,
+    and for a design that would be unstable, break a limit or miss a requirement, DataError when no run holds the noise.
     """
     usual = core.Options()
     options = core.Options(reach_rad, usual.settling_s if settling_s is None else settling_s, seed=seed)
     with closing(open_bench(bench, seed)) as face:
         limits, axes = face.limits, face.axes
     logs = [run.log for run in opened(runs)]
+    if not unswept:
+        core.require_swept(logs, core.require_strokes(core_model(model), limits, axes, options))
     return Controller(core.design_controller(core_model(model), logs, limits, axes, options))

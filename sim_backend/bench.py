@@ -58,6 +58,13 @@ class Limits:
     coil: Coil | None = None
 
 
+UNNAMED = "simulated"
+"""The name of a bench that is simulated within something else, and not opened by an address."""
+
+SIMULATED = ("sim", "emulator")
+"""The kinds of bench that are simulated: their serial number is the seed."""
+
+
 @dataclass(frozen=True)
 class Identity:
     """What a bench says of itself; goes into every log and onto every figure. Never holds simulated parameters."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sim_backend import kernel, layout
 from sim_backend.assembly import bus_of, current_from_command, places_of, plant_of, retuned, stated, transducers_of
-from sim_backend.bench import Coil, Identity, Limits, Record, Segment, Signal
+from sim_backend.bench import UNNAMED, Coil, Identity, Limits, Record, Segment, Signal
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.errors import ConfigError
 from sim_backend.kernel import side_by_side
@@ -149,7 +149,7 @@ class SimBench:
         seed: int,
         *,
         substeps: int = 1,
-        name: str = "simulated",
+        name: str = UNNAMED,
         truth: bool = False,
         disturbance: float = 1.0,
     ) -> None:

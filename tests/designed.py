@@ -11,7 +11,7 @@ import pytest
 from mccdcli.main import main
 from tests.kept import ANALYSED, kept
 
-COMMAND = ("design", "--model", "design", "--stages", "--out", "design", "--json")
+COMMAND = ("design", "--model", "design", "--unswept", "--stages", "--out", "design", "--json")
 
 
 def _designed(out: Path) -> None:

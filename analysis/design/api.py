@@ -20,7 +20,7 @@ from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
 from analysis.recorded.sweep import Sweep, sweep_of
 from campaigns.log import Run
 from campaigns.progress import Report, unheard
-from campaigns.strategies.controller import AxisControl, Blocks, Controller
+from campaigns.strategies.controller import AxisControl, Blocks, Controller, DesignedFor
 from campaigns.strategies.design import Design
 from sim_backend.bench import Limits
 from sim_backend.control.lqg import Noise
@@ -101,8 +101,8 @@ def design_controller(
     """Return the controller of every tilt axis that the model, the records and the bench's `axes` share.
 
     `runs` hold the noise at rest (test `rest`), and, where wanted, sweeps and hysteresis loops. `limits` are the
-    bench's, whose inputs are `axes`. Raises ConfigError for a design that would be unstable, break a limit or miss a
-    requirement, DataError when no log holds the noise.
+    bench's, whose inputs are `axes`. Raises ConfigError for runs of several benches and a design that would be
+    unstable, break a limit or miss a requirement, DataError when no log holds the noise.
     """
     opts = options or Options()
     by_test: dict[str, list[Run]] = {}
@@ -110,6 +110,7 @@ def design_controller(
         by_test.setdefault(run.header.test, []).append(run)
     if not by_test.get("rest"):
         raise DataError("design: no log of the bench at rest is given; record one, as `mccd design --bench` does")
+    bench = bench_of(runs)
     known = with_iron(model, by_test.get("hysteresis", []))
     sweeps = [sweep_of(run) for run in by_test.get("sinesweep", [])]
     rest, rate = by_test["rest"][0], model.sample_rate_hz
@@ -130,6 +131,7 @@ def design_controller(
         model=known,
         axes=[one.control for one in made],
         to_current=limits.to_current.tolist(),
+        bench=bench,
     )
     sources = {run.run_uid: run.header.note for run in runs}
     return Designed(controller, tuple(made), float(limits.current_a), sources, opts)
@@ -226,6 +228,28 @@ def require_strokes(model: Model, limits: Limits, axes: Sequence[str], options: 
                 f"±{1e3 * end_stop_rad:.3g} mrad: choose a shorter move"
             )
     return driven
+
+
+def bench_of(runs: Sequence[Run]) -> DesignedFor | None:
+    """Return the bench that runs were measured on, None where none says so; raises ConfigError for several benches."""
+    told = [(run, bench) for run in runs if (bench := DesignedFor.of(run.header.bench)) is not None]
+    for run, bench in told:
+        if bench != told[0][1]:
+            raise ConfigError(
+                f"{told[0][0].path} is of the bench {told[0][1]}, {run.path} of {bench}; design from the logs of one "
+                "bench"
+            )
+    return told[0][1] if told else None
+
+
+def require_swept(runs: Sequence[Run], axes: Sequence[str]) -> None:
+    """Raise ConfigError for an axis that no run sweeps: nothing tells whether the bench has the modes of the model."""
+    swept = {s.settings.get("axis") for run in runs if run.header.test == "sinesweep" for s in run.segments}
+    if missing := [axis for axis in axes if axis not in swept]:
+        raise ConfigError(
+            f"no log sweeps {' and '.join(missing)}: nothing tells whether the bench has the modes of the model; give "
+            "the sweeps that `mccd identify` records, or --unswept to trust the model (unswept=True in Python)"
+        )
 
 
 def _require(dof: str, what: str, value: float, limit: float, unit: str) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from analysis.design.moves import CHOP_DWELL_S, Move, design_move
 from campaigns.strategies.design import Design
 from campaigns.strategies.designed import feedforward_of, move_over
-from campaigns.strategies.watch import dissipated_w
+from campaigns.strategies.overload import dissipated_w
 from sim_backend.bench import Limits
 from sim_backend.control.chop import Chop
 from sim_backend.errors import ConfigError

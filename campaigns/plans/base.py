@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.sizes import BYTES_PER_VALUE, MOST_IN_WAVEFORM, require_at_once, require_run, samples_of
+from campaigns.strategies.overload import Forecast, Interlock
 from sim_backend.bench import Bench, Demand, Segment, check_segment
 from sim_backend.errors import ConfigError, did_you_mean
 from sim_backend.model import dump_model, load_model
 
 if TYPE_CHECKING:
-    from campaigns.strategies.watch import Watch
+    from campaigns.strategies.overload import RunWatch
 
 Array = NDArray[np.float64]
 
@@ -55,10 +56,16 @@ class Reach:
 
 
 class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base of all plans; a subclass adds its settings, its `name`, its `title` and `segments`."""
+    """Base of all plans; a subclass adds its settings, its `name`, its `title` and `segments`.
+
+    `overload_s` is for how long in all its runs may be above the continuous limits of the coils, on purpose; they hold
+    for each period of a waveform where its watch judges `by_cycle`.
+    """
 
     name: ClassVar[str]
     title: ClassVar[str]
+    overload_s: ClassVar[float] = 0.0
+    by_cycle: ClassVar[bool] = False
 
     def segments(self, bench: Bench) -> Iterator[Segment]:
         """Yield what is to be played on `bench`, in order; raises ConfigError for what the bench cannot be asked."""
@@ -68,9 +75,10 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
         """Return the names of the channels to record, the same for every segment: commands, readings, temperature."""
         return channels_of(bench, ("input", "output"), ("temperature",))
 
-    def watch(self, bench: Bench) -> Watch | None:
-        """Return what judges a run on `bench` while it is played; None where limits checked before are enough."""
-        return None
+    def watch(self, bench: Bench) -> RunWatch | None:
+        """Return what judges a run on `bench` while it is played; None where the bench does not state its coils."""
+        coil = bench.limits.coil
+        return None if coil is None else Interlock(bench, coil, self.overload_s)
 
     def design_models(self) -> tuple[str, ...]:
         """Return the design models (names or paths) that the segments depend on besides the settings."""
@@ -227,6 +235,7 @@ def _checked(plan: Plan, bench: Bench) -> Iterator[tuple[Segment, Demand]]:
     channels, limits, labels = plan.channels(bench), bench.limits, set[str]()
     rate, samples = rate_of(bench), 0
     demand, waves = None, (np.empty(0), np.empty(0))
+    forecast = Forecast(limits, rate, plan.overload_s, plan.by_cycle)
     for segment in plan.segments(bench):
         samples += segment.n_samples
         require_at_once(f"plan {plan.name}: segment '{segment.label}'", segment.n_samples, len(channels), rate)
@@ -239,6 +248,10 @@ def _checked(plan: Plan, bench: Bench) -> Iterator[tuple[Segment, Demand]]:
                 f"plan {plan.name}: segment '{segment.label}' repeats a label or records other channels than the plan; "
                 "give every segment its own label and the plan's channels"
             )
+        try:
+            forecast.require(segment)
+        except ConfigError as error:
+            raise ConfigError(f"plan {plan.name}: {error}") from None
         labels.add(segment.label)
         yield segment, demand
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from campaigns.plans.base import Plan, channels_of, longest_segment, rate_of
 from campaigns.sizes import samples_of, wave_samples
-from campaigns.strategies import check_strategy, is_watched, promise_of, stages_of
+from campaigns.strategies import check_strategy, promise_of, stages_of
 from campaigns.strategies.stages import Task, Tuning, learns, stage_segments
 from campaigns.strategies.watch import CYCLES_AT_ONCE, Watch
 from sim_backend.bench import Bench, Segment
@@ -31,6 +31,7 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "chop"
     title: ClassVar[str] = "chop between two positions"
+    by_cycle: ClassVar[bool] = True
 
     alpha_deg: float = 0.0
     from_rad: float = 0.0
@@ -81,9 +82,7 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
             "window_samples": samples_of(self.window_s, rate),
             "strategy": self.strategy,
         }
-        record, longest, watched = self.channels(bench), longest_segment(rate), is_watched(self.strategy)
-        if watched:
-            longest = min(longest, CYCLES_AT_ONCE * task.period)
+        record, longest = self.channels(bench), min(longest_segment(rate), CYCLES_AT_ONCE * task.period)
         chopping = self.cycles * task.period
         self.require_run(bench, chopping, chopping / max(longest, task.period))
         design = self._design(rate)
@@ -91,15 +90,13 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
             design.controller.require_bench(bench)
         for stage in stages_of(self.strategy, task, design):
             n_samples = chopping if stage.n_samples is None else stage.n_samples
-            most = task.period if watched and learns(stage.learning) else longest
+            most = task.period if learns(stage.learning) else longest
             # what learning has left is judged by its first cycle
-            first = task.period if watched and stage.n_samples is None else most
+            first = task.period if stage.n_samples is None else most
             yield from stage_segments(task, stage, n_samples, most, record, settings, first)
 
-    def watch(self, bench: Bench) -> Watch | None:
-        """Return what judges every cycle of a strategy that learns or plays a designed controller."""
-        if not is_watched(self.strategy):
-            return None
+    def watch(self, bench: Bench) -> Watch:
+        """Return what judges every cycle."""
         rate = rate_of(bench)
         return Watch(promise_of(self.strategy, self._task(bench, rate), self._design(rate)), bench)
 

@@ -14,7 +14,7 @@ from campaigns.log import LogWriter
 from campaigns.log.disk_space import require_free
 from campaigns.plans.base import Estimate, Plan, checked_segments, estimate
 from campaigns.playing.interrupts import Interrupts
-from campaigns.strategies.watch import Watch
+from campaigns.strategies.overload import RunWatch
 from campaigns.version import tool_commit, tool_version
 from sim_backend.bench import Bench, Record, Segment
 from sim_backend.errors import CheckError, MccdError
@@ -137,18 +137,18 @@ def _play(asked: Segment, segment: Segment, bench: Bench, writer: LogWriter, sig
     return record
 
 
-def _fall_back(watch: Watch, last: Segment, bench: Bench, writer: LogWriter, signals: Interrupts) -> str:
+def _fall_back(watch: RunWatch, last: Segment, bench: Bench, writer: LogWriter, signals: Interrupts) -> str:
     """Bring the bench back to its last good drive and return what was done, and what to do."""
     found = watch.fallback(last)
     if found is None:
-        done = "there was no good cycle or no stable feedback to go back to, so the bench was made safe at once"
+        done = "there was nothing safe to go back to, so the bench was made safe at once"
     else:
         try:
             _play(found[0], found[0], bench, writer, signals)
             done = f"the drive of cycle {found[1]} was played under feedback, then the bench was made safe"
         except MccdError as error:  # why it was stopped must still be told
             done = f"the drive of cycle {found[1]} could not be played ({error}), so the bench was made safe at once"
-    return f"{done}; {writer.path} holds what was recorded; identify this bench again and design anew"
+    return f"{done}; {writer.path} holds what was recorded; {watch.advice}"
 
 
 def _identity(bench: Bench) -> dict[str, str]:

@@ -62,25 +62,21 @@ def _played_by(strategy: str) -> Strategy:
     return own
 
 
-def is_watched(name: str) -> bool:
-    """Tell whether every cycle of a strategy is judged: all but those of a feed-forward under feedback alone are."""
-    return not STRATEGIES.get(name, "").startswith("feedforward:")
-
-
 def promise_of(name: str, task: Task, design: Design) -> Promise:
-    """Return what a strategy by name promises of a chop, one of those that are watched."""
+    """Return what a strategy by name promises of a chop."""
     from campaigns.strategies.stages import move_samples, moving  # a name alone is checked without numpy
-    from campaigns.strategies.watch import Promise
+    from campaigns.strategies.watch import RINGING_S, Promise
 
     controls = [None if design.controller is None else design.controller.axis(dof) for dof in task.axes]
     axes = tuple(i for i, moves in enumerate(moving(task)) if moves)
-    # the feed-forward of the others knows less of the move, or nothing
-    learned = STRATEGIES.get(name) == "designed:learned_stages"
+    played, step = STRATEGIES.get(name, ""), move_samples(task, design)
+    learned = played == "designed:learned_stages"
+    knows = played.startswith(("feedforward:", "designed:"))  # what the others leave, they have not learned yet
     return Promise(
         moving=axes,
         shrinks_to=tuple(1.0 if (one := controls[i]) is None else one.shrinks_to for i in axes),
-        held=tuple(i for i, one in enumerate(controls) if one is not None and learned),
-        step_samples=move_samples(task, design),
+        held=tuple(i for i, one in enumerate(controls) if one is not None) if learned else axes if knows else (),
+        step_samples=step if learned else max(step, round(RINGING_S * design.rate_hz)),
         feedback=_brings_back(task, design, axes),
     )
 

@@ -7,6 +7,8 @@ long it learns. Feed-forward is not stored: it follows from the model for any tw
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -15,7 +17,7 @@ import msgspec
 import numpy as np
 import tomli_w
 
-from sim_backend.bench import MAX_TAPS, Bench
+from sim_backend.bench import MAX_TAPS, SIMULATED, UNNAMED, Bench
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.concentrated import concentrated_move
 from sim_backend.control.repetitive import q_taps
@@ -99,8 +101,29 @@ class AxisControl(_Strict, frozen=True, kw_only=True):
         return math.ceil(longer - 1e-9)
 
 
+class DesignedFor(_Strict, frozen=True, kw_only=True):
+    """The bench whose logs a controller was designed from; `serial` is empty where it is simulated."""
+
+    name: str
+    serial: str = ""
+
+    @classmethod
+    def of(cls, identity: Mapping[str, str]) -> DesignedFor | None:
+        """Return the bench of an identity as logs hold it, None where that does not name one.
+
+        The serial number of a simulated bench is its seed.
+        """
+        name = identity.get("name", "")
+        if name in ("", UNNAMED):
+            return None
+        return cls(name=name, serial="" if identity.get("kind") in SIMULATED else identity.get("serial", ""))
+
+    def __str__(self) -> str:
+        return f"'{self.name}'" + (f" (serial number {self.serial})" if self.serial else "")
+
+
 class Controller(_Strict, frozen=True, kw_only=True):
-    """A whole controller file; `to_current` (n_a, n_axes) is that of the bench that it was designed for."""
+    """A whole controller file; `to_current` (n_a, n_axes) is that of the `bench` that it was designed for."""
 
     schema: Literal["mccd-controller/1"] = "mccd-controller/1"
     name: str
@@ -108,13 +131,21 @@ class Controller(_Strict, frozen=True, kw_only=True):
     model: Model
     axes: list[AxisControl]
     to_current: list[list[float]]
+    bench: DesignedFor | None = None
 
     def axis(self, dof: str) -> AxisControl | None:
         """Return the control of an axis, None for one that was not designed."""
         return next((one for one in self.axes if one.dof == dof), None)
 
     def require_bench(self, bench: Bench) -> None:
-        """Raise ConfigError for a bench of other units or coils than this controller was designed for."""
+        """Raise ConfigError for another bench than this controller was designed for, by name, units and coils."""
+        here = DesignedFor.of(asdict(bench.identity))
+        if None not in (self.bench, here) and self.bench != here:
+            raise ConfigError(
+                f"controller '{self.name}' was designed for the bench {self.bench}, this is {here}: nothing tells "
+                "whether it has the modes of the model; design one for this bench (or, to try it all the same, take "
+                "the table [bench] out of the file)"
+            )
         units = {role: {s.dof: s.unit for s in bench.signals if s.role == role} for role in ("input", "output")}
         for role, ports in (("input", self.model.inputs), ("output", self.model.outputs)):
             for port in ports:

@@ -1,4 +1,4 @@
-"""What every cycle of a chop that learns is judged by, and what is played once a cycle has failed.
+"""What every cycle of a chop is judged by, and what is played once a cycle has failed.
 
 The host judges, and it does so after each segment: the records of every kind of bench pass there, and no firmware has
 to know what learning may do. A segment is one cycle while an input is learned, and two at most else, so that nothing
@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.strategies.overload import overload
 from campaigns.strategies.stages import learns
-from sim_backend.bench import Bench, Coil, Gate, Record, Segment, check_segment
+from sim_backend.bench import Bench, Gate, Record, Segment, check_segment
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.errors import ConfigError
 
@@ -29,11 +30,12 @@ FALLBACK_CYCLES = 1
 CYCLES_AT_ONCE = MOST_CYCLES - FALLBACK_CYCLES
 """Cycles in a segment while nothing is learned."""
 
-POWER_W = 1.0
-"""Mean dissipation of all coils over a cycle; Table 6.6."""
-
 STRAY_RAD = 50e-6
 """Error after the step that no chop may keep whose feed-forward knows the move."""
+
+RINGING_S = 0.05
+"""Time after which the step of a feed-forward that does not know the cryostat's modes is over. Right after its move it
+is up to 72 µrad off on the bench as built, and 34 µrad from then on; on benches with modes 3 % off as well."""
 
 CONVERGED_RAD = 1.7e-6
 """Error (rms over a cycle) that learning need not shrink any further: the band in which a chop has settled."""
@@ -83,6 +85,8 @@ class _Cycle:
 
 class Watch:
     """Judges a run cycle by cycle; `axes` are named in what it says."""
+
+    advice = "identify this bench again and design anew"
 
     def __init__(self, promise: Promise, bench: Bench) -> None:
         self._promise = promise
@@ -196,15 +200,7 @@ class Watch:
         coil = self._limits.coil
         if coil is None:
             return ""
-        rms = np.sqrt(np.mean(cycle.current**2, axis=0))
-        power = dissipated_w(rms, coil)
-        if not power <= POWER_W:
-            return f"the coils dissipate {power:.3g} W, the limit is {POWER_W:g} W"
-        force = coil.force_constant_n_a * rms
-        if not np.all(force <= coil.continuous_force_n):
-            worst = int(np.argmax(force))
-            return f"actuator {worst + 1} gives {force[worst]:.3g} N (rms), the limit is {coil.continuous_force_n:g} N"
-        return ""
+        return overload(np.sqrt(np.mean(cycle.current**2, axis=0)), coil)
 
     def _divergence(self, cycle: _Cycle) -> str:
         if self._before is None:
@@ -269,11 +265,6 @@ def _rms(error: Array) -> Array:
     known = np.isfinite(error)
     power = np.sum(np.where(known, error, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)
     return np.asarray(np.sqrt(power))
-
-
-def dissipated_w(rms_a: Array, coil: Coil) -> float:
-    """Return the mean dissipation of coils that carry `rms_a` (n_a,), a part or whole cycles long; section 6.2.1."""
-    return float(np.sum((coil.force_constant_n_a / coil.steepness_n_sqrt_w * rms_a) ** 2))
 
 
 def _start(segment: Segment) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack, closing
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from analysis.design.stages import StageResult
     from campaigns.log import Run
     from campaigns.plans import Plan
-    from sim_backend.bench import Limits
+    from sim_backend.bench import Identity, Limits
 
 
 @click.command()
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     metavar="W",
     help="Instead of --settling: the fastest move whose 5 Hz chop dissipates at most this power.",
 )
+@click.option("--unswept", is_flag=True, help="Trust the model where no --log sweeps an axis.")
 @click.option("--stages", is_flag=True, help="Also play a 5 Hz chop with each designed strategy and list results.")
 @common_options()
 def design(
@@ -68,13 +70,15 @@ def design(
     reach: float,
     tolerance: float,
     max_power: float | None,
+    unswept: bool,
     stages: bool,
 ) -> int:
     """Design feed-forward, feedback and learning on an identified model, against the noise of the bench at rest.
 
     Writes controller.toml, design.json, index.html and figures into the folder design, or into --out. The bench
-    supplies its axes and limits, and a record of its noise when no --log has one; --stages plays chops on it. A design
-    that would be unstable, break a limit or miss a requirement is refused with the reason (exit code 2).
+    supplies its axes and limits, and a record of its noise when no --log has one; --stages plays chops on it. Logs of
+    another bench, a model that no sweep confirms (unless --unswept), and a design that would be unstable, break a limit
+    or miss a requirement are refused with the reason (exit code 2).
 
     \b
     Examples:
@@ -91,19 +95,26 @@ def design(
         count({plan.name: plan}, bench, seed, as_json=as_json)
         return 0
 
-    from analysis.design.api import Options, design_controller, require_strokes
+    from analysis.design.api import Options, design_controller, require_strokes, require_swept
     from analysis.design.output import document, prepare_folder, write_controller, write_design
     from analysis.design.uncertainty import Tolerance
+    from campaigns.log import read_run
     from campaigns.progress import part_of
 
     options = Options(1e-3 * reach, 1e-3 * (settling or 5.0), max_power, tolerance=Tolerance(tolerance), seed=seed)
-    limits, axes = _what_it_may(bench, seed)
-    require_strokes(nominal, limits, axes, options)  # before anything is written or played
-    folder = prepare_folder(out or unnamed_folder(Path("design")))
+    limits, axes, identity = _what_it_may(bench, seed)
+    driven = require_strokes(nominal, limits, axes, options)  # before anything is written or played
     with ExitStack() as stack:
-        runs = _logs(stack, plan, given, bench, folder, seed)
-        if isinstance(runs, int):
-            return runs
+        runs = [stack.enter_context(read_run(path)) for path in given]
+        _require_of_bench(runs, identity)
+        if not unswept:
+            require_swept(runs, driven)
+        folder = prepare_folder(out or unnamed_folder(Path("design")))
+        if not any(run.header.test == plan.name for run in runs):
+            log, code = _at_rest(plan, bench, folder, seed)
+            if code:
+                return code
+            runs.append(stack.enter_context(read_run(log)))
         with progress("designing") as report:
             first = part_of(report, 0.0, 0.5 if stages else 0.9)  # designing takes about as long as playing
             designed = design_controller(nominal, runs, limits, axes, options, first)
@@ -123,19 +134,17 @@ def _require_one(settling: float | None, max_power: float | None) -> None:
         raise click.UsageError("--settling and --max-power both choose the move; give one of them")
 
 
-def _logs(
-    stack: ExitStack, plan: Plan, given: tuple[Path, ...], bench: str, folder: Path, seed: int
-) -> list[Run] | int:
-    """Return the logs to design from, open while the stack is, a rest recorded if none was given; else an exit code."""
-    from campaigns.log import read_run
+def _require_of_bench(runs: list[Run], identity: Identity) -> None:
+    """Raise ConfigError for logs of another bench than the one whose limits a design is to keep."""
+    from analysis.design.api import bench_of
+    from campaigns.strategies.controller import DesignedFor
+    from sim_backend.errors import ConfigError
 
-    runs = [stack.enter_context(read_run(path)) for path in given]
-    if not any(run.header.test == plan.name for run in runs):
-        log, code = _at_rest(plan, bench, folder, seed)
-        if code:
-            return code
-        runs.append(stack.enter_context(read_run(log)))
-    return runs
+    logged, here = bench_of(runs), DesignedFor.of(asdict(identity))
+    if None not in (logged, here) and logged != here:
+        raise ConfigError(
+            f"the logs are of the bench {logged}, --bench is {here}; give the --bench that they were recorded on"
+        )
 
 
 def _tell_unswept(designed: Designed) -> None:
@@ -145,12 +154,12 @@ def _tell_unswept(designed: Designed) -> None:
             say(f"mccd: no --log sweeps {one.dof}: whether the bench has the modes of the model was not checked")
 
 
-def _what_it_may(bench: str, seed: int) -> tuple[Limits, tuple[str, ...]]:
-    """Return the limits and the axes of a bench."""
+def _what_it_may(bench: str, seed: int) -> tuple[Limits, tuple[str, ...], Identity]:
+    """Return the limits, the axes and the identity of a bench."""
     from campaigns.benches import open_bench
 
     with closing(open_bench(bench, seed)) as opened:
-        return opened.limits, opened.axes
+        return opened.limits, opened.axes, opened.identity
 
 
 def _at_rest(plan: Plan, bench: str, folder: Path, seed: int) -> tuple[Path, int]:

@@ -110,7 +110,11 @@ def test_the_design_reads_logs_alone(home, tmp_path, monkeypatch):
 def arguments(home, out, *more):
     logs = home / "report" / "campaign"
     given = ["design", "--model", str(home / "report" / "designed" / "nominal.toml"), "--out", str(out)]
-    return [*given, "--log", str(logs / "sweep-x.h5"), "--log", str(logs / "rest.h5"), *more]
+    return [
+        *given,
+        *(part for name in ("sweep-x", "sweep-y", "rest") for part in ("--log", str(logs / f"{name}.h5"))),
+        *more,
+    ]
 
 
 def test_the_commands_design_and_play(home, tmp_path, capsys):

@@ -39,10 +39,10 @@ def controller() -> Path:
 
 
 def settled(here: Path, controller: Path, alpha: float, kind: str = "sim", **shift: Any) -> tuple[int, Path]:
-    """Return the exit code and the log of a fast chop on a shifted bench."""
-    (here / "shifted.toml").write_text(dump_model(shifted_bench(**shift)), encoding="utf-8")
+    """Return the exit code and the log of a fast chop on a bench that has changed since it was designed for."""
+    (here / "as-built.toml").write_text(dump_model(shifted_bench(**shift)), encoding="utf-8")
     log = here / "settle.h5"
-    bench = f"{kind}:{here / 'shifted.toml'}"
+    bench = f"{kind}:{here / 'as-built.toml'}"
     given = ["--bench", bench, "--controller", str(controller), "--alpha", f"{alpha:g}", "--out", str(log)]
     return main(["settle", "--strategy", "designed", *given]), log
 
@@ -122,10 +122,10 @@ def test_a_bench_behind_a_line_is_watched_alike(controller, tmp_path, capsys):
 
 def test_a_chop_that_records_readings_alone_is_watched_too(controller, tmp_path, capsys):
     """The five minutes of the thermal test leave commands out of the log; the watch sees them all the same."""
-    (tmp_path / "shifted.toml").write_text(dump_model(shifted_bench(-0.01)), encoding="utf-8")
+    (tmp_path / "as-built.toml").write_text(dump_model(shifted_bench(-0.01)), encoding="utf-8")
     settings = ["strategy='designed'", f"controller='{controller}'", "alpha_deg=0.0", "cycles=20"]
     given = [part for text in settings for part in ("--set", text)]
-    bench = f"sim:{tmp_path / 'shifted.toml'}"
+    bench = f"sim:{tmp_path / 'as-built.toml'}"
     assert main(["thermal", "--no-sweeps", "--bench", bench, "--out", str(tmp_path / "t"), *given]) == 1
     assert "cycle" in capsys.readouterr().err
     with read_run(tmp_path / "t" / "thermal.h5") as run:

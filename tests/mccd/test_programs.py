@@ -172,7 +172,7 @@ def test_markup_in_a_file_is_text_in_a_notebook(tmp_path: Path) -> None:
 
 def test_a_design_as_table_control_and_file(tmp_path: Path) -> None:
     with mccd.simulate("as-built", "rest", seed=2) as rest:
-        designed = mccd.design("design", rest)
+        designed = mccd.design("design", rest, unswept=True)
     assert designed.axes == ("theta_x", "theta_y")
     table = designed.to_frame()
     assert list(table.columns) == ["axis", "expected", "value", "limit"]

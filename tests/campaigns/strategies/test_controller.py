@@ -6,14 +6,17 @@ import msgspec
 import numpy as np
 import pytest
 
+from campaigns.benches import BENCHES
 from campaigns.strategies.controller import (
     AxisControl,
     Blocks,
     Controller,
+    DesignedFor,
     dump_controller,
     load_controller,
     parse_controller,
 )
+from sim_backend.bench import SIMULATED
 from sim_backend.control.feedback import theta_controller
 from sim_backend.errors import ConfigError
 from sim_backend.simbench import SimBench
@@ -213,3 +216,33 @@ def test_a_bench_of_other_units_or_coils_is_foreign():
     for coils in ((2.0 * bench.limits.to_current).tolist(), bench.limits.to_current[:2].tolist()):
         with pytest.raises(ConfigError, match="coils with up to .* design one for this bench"):
             msgspec.structs.replace(WHOLE, to_current=coils).require_bench(bench)
+
+
+@pytest.mark.parametrize(
+    ("identity", "expected"),
+    [
+        ({"kind": "sim", "name": "as-built", "serial": "seed-3", "version": "1"}, DesignedFor(name="as-built")),
+        ({"kind": "emulator", "name": "as-built", "serial": "seed-4", "version": "1"}, DesignedFor(name="as-built")),
+        ({"kind": "serial", "name": "chopper", "serial": "A7"}, DesignedFor(name="chopper", serial="A7")),
+        ({"kind": "tcp", "name": "chopper", "serial": "A7"}, DesignedFor(name="chopper", serial="A7")),
+        ({"kind": "sim", "name": "simulated", "serial": "seed-0"}, None),  # within something else
+        ({}, None),  # an imported log
+    ],
+)
+def test_a_bench_is_known_by_its_name_and_unless_it_is_simulated_by_its_serial_number(identity, expected):
+    assert DesignedFor.of(identity) == expected
+
+
+def test_the_kinds_that_are_simulated_are_those_that_repeat_their_records():
+    assert set(SIMULATED) == {name for name, kind in BENCHES.items() if kind.repeatable}
+
+
+def test_another_bench_by_name_or_serial_number_is_foreign():
+    here = SimBench(bench_model(), 7, name="here")
+    for own in (None, DesignedFor(name="here")):
+        msgspec.structs.replace(WHOLE, bench=own).require_bench(here)
+    for other in (DesignedFor(name="there"), DesignedFor(name="here", serial="A7")):
+        made = parse_controller(dump_controller(msgspec.structs.replace(WHOLE, bench=other)), "x.toml")
+        with pytest.raises(ConfigError, match=rf"designed for the bench '{other.name}'.*this is 'here'.*\[bench\]"):
+            made.require_bench(here)
+        made.require_bench(SimBench(bench_model(), 7))

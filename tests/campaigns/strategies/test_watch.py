@@ -8,10 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from campaigns.plans import make_plan
 from campaigns.strategies.watch import CONVERGED_RAD, Promise, Watch
 from sim_backend.bench import Gate, Learning, Record, Segment
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.feedback import theta_controller
+from sim_backend.model import load_model
 from sim_backend.simbench import SimBench
 from tests.small_bench import bench_model
 
@@ -173,9 +175,9 @@ def test_it_asks_for_what_a_plan_does_not_record():
 def test_the_band_is_the_one_that_a_chop_settles_to():
     from analysis.measurements.settling import BAND_RAD
     from analysis.recorded.requirements import POWER_W
-    from campaigns.strategies import watch
+    from campaigns.strategies import overload
 
-    assert CONVERGED_RAD == BAND_RAD and watch.POWER_W == POWER_W
+    assert CONVERGED_RAD == BAND_RAD and overload.POWER_W == POWER_W
 
 
 def test_near_its_floor_an_error_need_not_shrink_but_must_not_grow():
@@ -194,6 +196,29 @@ def test_what_is_not_learned_must_not_run_away():
     assert said(300e-6, 340e-6, 320e-6, 345e-6) == [""] * 4
     *before, last = said(300e-6, 360e-6, 370e-6)
     assert before == ["", ""] and "theta_y strays" in last and "the limit is 350 µrad" in last
+
+
+@pytest.mark.parametrize("strategy", ["hybrid", "mbff"])
+def test_the_papers_feedforward_is_held_to_it_once_its_ringing_is_over(strategy):
+    plan = make_plan("settling", {"strategy": strategy, "alpha_deg": 90.0})
+    frozen = dataclasses.replace(segment(None, label="chop"), feedback=LOOPS)
+
+    def said(at: slice) -> str:
+        watch = plan.watch(SimBench(load_model("as-built"), 0))
+        assert watch is not None
+        channels = record(frozen, 70e-6, at=at).channels
+        return watch.failure(frozen, Record(frozen, {k.replace("_A", "_a"): v for k, v in channels.items()}))
+
+    # 50 ms, or 500 samples, after the move to position 2
+    assert said(slice(0, 500)) == "" and "off by 70 µrad, the limit is 50 µrad" in said(slice(499, 501))
+
+
+def test_what_has_been_learned_of_nothing_may_still_stray_but_not_grow():
+    plan, frozen = make_plan("settling", {"strategy": "repetitive", "alpha_deg": 90.0}), segment(None, label="chop")
+    watch = plan.watch(BENCH)
+    assert watch is not None
+    assert [watch.failure(frozen, record(frozen, error)) for error in (300e-6, 360e-6)] == ["", ""]
+    assert "theta_y strays" in watch.failure(frozen, record(frozen, 370e-6))
 
 
 def test_another_chop_begins_anew():
