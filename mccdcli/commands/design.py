@@ -44,9 +44,9 @@ if TYPE_CHECKING:
 @click.option(
     "--tolerance",
     type=Percent(0.01, most=0.5, max_open=True),
-    default="0.1%",
+    default="1%",
     show_default=True,
-    help="Standard deviation of every mode's frequency, added to what the model states: 0.1%, or 0.1.",
+    help="How far every mode's frequency may be off, beside the scatter that the model states: 1%, or 1.",
 )
 @click.option(
     "--max-power",
