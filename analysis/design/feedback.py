@@ -29,11 +29,11 @@ SLIGHT = 0.01
 """A mode with less of the static gain than this may be left out of the model that the estimator knows: it then keeps
 away from it, where knowing it precisely would only help on the identified plant."""
 
-EFFORTS_RAD_NM = tuple(float(e) for e in np.geomspace(1e-4, 1e-2, 13))
+EFFORTS_RAD_NM = tuple(float(e) for e in np.geomspace(1e-4, 1e-2, 25))
 """From the fastest regulator that amplifiers could follow to one so slow that lightly damped modes stay as they are,
 where the Riccati equations begin to lose their solution to rounding."""
 
-DISTRUSTS = (0.0, 3.0, 10.0, 30.0)
+DISTRUSTS = (0.0, 3.0, 5.5, 10.0, 17.0, 30.0)
 
 
 @dataclass(frozen=True)
