@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.design.expected import Motion
 from analysis.design.feedback import FeedbackDesign, frequency_grid, safe_feedbacks
-from analysis.design.learning import LARGEST_FACTOR, WAIT_S, LearningDesign, design_learning
+from analysis.design.learning import LEFT, WAIT_S, LearningDesign, design_learning
 from analysis.design.magnetic_hysteresis import with_iron
 from analysis.design.moves import Move
 from analysis.design.noise import MeasuredNoise, measure_noise
-from analysis.design.price import Price, affordable, price_curve, price_of
+from analysis.design.price import CUTOFFS_HZ, Price, affordable, price_curve, price_of
 from analysis.design.uncertainty import Tolerance, drawn_plants
+from analysis.measurements.settling import BAND_RAD
 from analysis.recorded.chop import TIP_TILT
 from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
 from analysis.recorded.sweep import Sweep, sweep_of
@@ -45,7 +47,7 @@ class Options:
     reach_rad: float = 8.5e-3
     settling_s: float = SETTLING_S
     most_w: float | None = None
-    periods: int = 10
+    periods: int = 20
     tolerance: Tolerance = Tolerance()
     plants: int = 40
     seed: int = 0
@@ -156,7 +158,7 @@ def _design_axis(
             price = price_of(design, dof, options.reach_rad, options.settling_s, limits, column)
         else:
             price = affordable(curve, options.most_w)
-        feedback, learning = _loops(plants, noise.noise, sweep, options.periods, price.cutoff_hz, rate)
+        feedback, learning = _loops(plants, noise.noise, sweep, options, price, rate)
     except ConfigError as error:
         raise ConfigError(f"axis '{dof}': {error}") from None
     control = _control(dof, feedback, learning, price.move, options, rate)
@@ -167,28 +169,32 @@ def _design_axis(
 
 
 def _loops(
-    plants: list[ModalModel], noise: Noise, sweep: Sweep | None, periods: int, cutoff_hz: float, rate_hz: float
+    plants: list[ModalModel], noise: Noise, sweep: Sweep | None, options: Options, price: Price, rate_hz: float
 ) -> tuple[FeedbackDesign, LearningDesign]:
-    """Return the quietest feedback around which an error shrinks to LARGEST_FACTOR, or to the least, and its learning.
+    """Return the quietest feedback around which learning leaves LEFT of the band or less, or the least, and its learning.
 
     What the quietest of all does to a sharp mode may make the closed loop too uncertain to learn around. Raises the
     reason against the quietest one where learning is sure around none.
     """
     grid = frequency_grid(plants[0], rate_hz)
+    motion = Motion.of(price.motion_rad, price.drive_nm, round(price.allowed_s * rate_hz))
+    bands = [cutoff for cutoff in CUTOFFS_HZ if cutoff >= price.cutoff_hz]
     found: list[tuple[FeedbackDesign, LearningDesign]] = []
     refused: list[ConfigError] = []
     for feedback in safe_feedbacks(plants, noise, rate_hz):
         if (found or refused) and feedback.three_sigma_rad.max() > STABILITY_RAD:
             break
         try:
-            found.append((feedback, design_learning(plants, feedback.controller, grid, sweep, periods, cutoff_hz)))
+            learning = design_learning(plants, feedback.controller, grid, sweep, options.periods, bands, motion)
         except ConfigError as error:
             refused.append(error)
-        if found and found[-1][1].largest <= LARGEST_FACTOR:
+            continue
+        found.append((feedback, learning))
+        if learning.expected.left_rad <= LEFT * BAND_RAD:
             return found[-1]
     if not found:
         raise refused[0]
-    return min(found, key=lambda both: both[1].largest)
+    return min(found, key=lambda both: both[1].expected.left_rad)
 
 
 def _quiet(rest: Run, dof: str) -> Array:
@@ -213,7 +219,7 @@ def _control(
         q_half_length=learning.half_length,
         wait_s=WAIT_S,
         gains=list(learning.gains),
-        shrinks_to=max(learning.largest, LARGEST_FACTOR),
+        shrinks_to=learning.shrinks_to,
     )
 
 

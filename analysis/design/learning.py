@@ -6,12 +6,16 @@ plant within the uncertainty and every gain, the error falls from each period to
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.design.expected import Expected, Learned, Motion
+from analysis.measurements.settling import BAND_RAD
 from analysis.recorded.sweep import Sweep
+from campaigns.strategies.watch import FLOOR_RAD, STRAY_RAD
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.inversion import fitted_inverse, inverse_poles
 from sim_backend.control.repetitive import process_sensitivity, q_response, q_taps
@@ -22,11 +26,13 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 LARGEST_FACTOR = 0.5
-"""The part of an error that may remain after a period, on every plant and at every measured line within 2σ."""
+"""The part of an error that a period with gain 1 may always leave: what is promised to whoever watches it."""
 
-SURE_FACTOR = 0.9
-"""What it may leave where no feedback keeps LARGEST_FACTOR, as around a sharp mode that is not known well: the error
-still falls from each period to the next, and a run is stopped where it does not."""
+LEFT = 0.85
+"""Part of the settling band that may be left on any plant after learning: the rest is for noise and what no model knows."""
+
+QUICK = 2
+"""Periods after which no plant may stray any more: one that has not been learned from and two that have may."""
 
 HALF_LENGTH_S = 0.006
 """Q filter: six milliseconds to either side, so that it falls within 80 Hz at its cut-off."""
@@ -35,19 +41,24 @@ LEAD_S = 0.001
 TRUSTED, FADING = 1500.0, 2500.0
 """Up to where in Hz the inverse has to fit, and from where on it hardly matters: Q has long closed there."""
 
-FULL = 3
-"""Periods that learn with the whole error: by LARGEST_FACTOR an eighth of it remains."""
+FIRST_GAINS = (1.0, 0.7, 0.5, 0.35)
+"""Parts of the error that may be learned from at first: around a sharp mode that is not known well the inverse may be
+twice too large, and half of it still brings the error down."""
 
-WAIT_S = 0.4
-"""Time before learning begins: the ringing of a cryostat mode of 9 s⁻¹ falls to 3 % in it."""
+FULL_S = 3.0
+"""Periods that learn with the first gain, divided by it: by LARGEST_FACTOR an eighth of an error remains."""
+
+WAIT_S = 0.2
+"""Time before learning begins, a period at least: until then a bench that is late strays after its steps, and the
+ringing of a cryostat mode of 9 s⁻¹ falls to a sixth in it."""
 
 
 @dataclass(frozen=True)
 class LearningDesign:
     """The learning of one axis.
 
-    `factor` (n_f,) at `frequency_hz` is by how much an error shrinks per period on the identified plant with gain 1,
-    `worst` (n_f,) on the worst drawn one. `lines_hz`, `at_lines` and `at_lines_worst` are the same from the measured
+    `factor` (n_f,) at `frequency_hz` is by how much an error shrinks per period on the identified plant with the first
+    gain, `worst` (n_f,) on the worst drawn one. `lines_hz`, `at_lines` and `at_lines_worst` are the same from the measured
     response and its 2σ bound, None where no sweep was given.
     """
 
@@ -62,6 +73,8 @@ class LearningDesign:
     lines_hz: Array | None
     at_lines: Array | None
     at_lines_worst: Array | None
+    expected: Expected
+    grown: float
 
     @property
     def largest(self) -> float:
@@ -69,18 +82,50 @@ class LearningDesign:
         return float(max(self.worst.max(), 0.0 if self.at_lines_worst is None else self.at_lines_worst.max()))
 
     @property
+    def shrinks_to(self) -> float:
+        """The part of a large error (rms) that a period with gain 1 leaves at most, as far as smaller gains tell.
+
+        |1 - g x| is convex in the gain g, so that a period with any smaller gain g leaves 1 - g (1 - this) at most.
+        """
+        return max(1.0 - (1.0 - self.expected.shrinks_to(FLOOR_RAD)) / self.gains[0], LARGEST_FACTOR)
+
+    @property
+    def refusal(self) -> str:
+        """Why it must not be played; empty where it may."""
+        fix = "identify the axis better or state a smaller tolerance"
+        if not self.grown <= 1.0:
+            return f"all periods may leave {self.grown:.2f} of an error together, the limit is 1; {fix}"
+        strays = float(self.expected.after_rad[QUICK:].max())
+        if not strays <= STRAY_RAD:
+            return (
+                f"after {QUICK} periods a plant within the uncertainty is off by {1e6 * strays:.3g} µrad after its step, "
+                f"the limit is {1e6 * STRAY_RAD:g} µrad; {fix}"
+            )
+        if not self.expected.left_rad <= BAND_RAD:
+            return (
+                f"{1e6 * self.expected.left_rad:.3g} µrad of the error are left on a plant within the uncertainty, the "
+                f"limit is {1e6 * BAND_RAD:.3g} µrad; {fix}"
+            )
+        return ""
+
+    def rank(self) -> tuple[bool, float]:
+        """Return what a learning is chosen by: one that may be played, then the least that is left."""
+        return bool(self.refusal), self.expected.left_rad
+
+    @property
     def taps(self) -> tuple[float, ...]:
         """The Q filter."""
         return q_taps(self.cutoff_hz, self.half_length, self.filter.rate_hz)
 
 
-def averaging_gains(count: int) -> tuple[float, ...]:
-    """Return gains that take the whole error FULL times and then average: 1, 1, 1, 1/2, 1/3 and so on.
+def averaging_gains(count: int, first: float = 1.0) -> tuple[float, ...]:
+    """Return gains that take a part of the error some times and then average: 1, 1, 1, 1/2, 1/3 and so on.
 
-    With gain 1/n the learned input becomes the mean of n noisy estimates, whose noise falls with the root of n.
+    With gain 1/n the learned input becomes the mean of n noisy estimates, whose noise falls with the root of n. An input
+    learned with a gain g is the mean of 1/g of them already.
     """
-    full = min(FULL, count)
-    return (*(1.0 for _ in range(full)), *(1.0 / n for n in range(2, count - full + 2)))
+    full = min(round(FULL_S / first), count)
+    return (*(first for _ in range(full)), *(1.0 / (1.0 / first + n) for n in range(1, count - full + 1)))
 
 
 def design_learning(
@@ -89,12 +134,14 @@ def design_learning(
     grid_hz: Array,
     sweep: Sweep | None,
     periods: int,
-    cutoff_hz: float,
+    cutoffs_hz: Sequence[float],
+    motion: Motion,
 ) -> LearningDesign:
-    """Return the learning around `controller` below `cutoff_hz`; the first plant is the identified one.
+    """Return the learning around `controller` that leaves least of the chop `motion`; the first plant is the identified.
 
-    `grid_hz` (n_f,) are the frequencies at which the error has to shrink. Raises ConfigError when it is not sure that
-    the error shrinks to SURE_FACTOR per period or less.
+    `grid_hz` (n_f,) are the frequencies at which the error must not grow, `cutoffs_hz` the bands that may be learned,
+    the narrowest first: the first that leaves LEFT is taken. Raises ConfigError when an error may grow on a plant, a
+    plant strays for longer than QUICK periods, or more than the settling band is left.
     """
     rate = controller.rate_hz
     f = grid_hz[grid_hz >= 0.5]
@@ -107,33 +154,61 @@ def design_learning(
             for p in plants
         ]
     )
-    made = fitted_inverse(f, closed[0], weight, inverse_poles(nominal, controller), lead, rate)
-    ahead = np.exp(2j * np.pi * f / rate * lead) * made.frequency_response(f)
-    left = np.abs(1.0 - closed * ahead)
-    lines = None if sweep is None else _at_lines(sweep, controller, made, lead)
-    taps = q_taps(cutoff_hz, half, rate)
-    q = np.abs(q_response(taps, f, rate))
-    worst = (q * left).max(axis=0)
-    at = [None] * 3 if lines is None else [lines[0], *(np.abs(q_response(taps, lines[0], rate)) * x for x in lines[1:])]
-    found = LearningDesign(
-        made, lead, cutoff_hz, half, averaging_gains(periods), f, q * left[0], worst, at[0], at[1], at[2]
+    # nearest to the inverse of all plants at once: where they differ it is small, and late by their mean delay
+    made = fitted_inverse(
+        np.tile(f, len(plants)),
+        closed.ravel(),
+        np.tile(weight, len(plants)),
+        inverse_poles(nominal, controller),
+        lead,
+        rate,
     )
-    if not found.largest <= SURE_FACTOR:
-        raise ConfigError(
-            f"learning below {cutoff_hz:g} Hz: a period may leave {found.largest:.2f} of an error, the limit is "
-            f"{SURE_FACTOR}; identify the axis better or state a smaller tolerance"
-        )
-    return found
+    learned = Learned(plants, controller, made, lead, motion)
+    ahead = closed * (np.exp(2j * np.pi * f / rate * lead) * made.frequency_response(f))
+    found: list[LearningDesign] = []
+    for cutoff_hz in cutoffs_hz:
+        taps = q_taps(cutoff_hz, half, rate)
+        q = np.abs(q_response(taps, f, rate))
+        for gain in FIRST_GAINS:
+            gains = averaging_gains(periods, gain)
+            factor = q * np.abs(1.0 - gain * ahead)
+            whole = np.prod([q * np.abs(1.0 - one * ahead) for one in gains], axis=0)
+            lines = (None, None, None) if sweep is None else _at_lines(sweep, controller, made, lead, taps, gain)
+            expected = learned.expected(taps, gains)
+            found.append(
+                LearningDesign(
+                    made,
+                    lead,
+                    cutoff_hz,
+                    half,
+                    gains,
+                    f,
+                    factor[0],
+                    factor.max(axis=0),
+                    *lines,
+                    expected,
+                    float(whole.max()),
+                )
+            )
+        best = min(found, key=LearningDesign.rank)
+        if not best.refusal and best.expected.left_rad <= LEFT * BAND_RAD:
+            break
+    if best.refusal:
+        raise ConfigError(f"learning below {best.cutoff_hz:g} Hz: {best.refusal}")
+    return best
 
 
-def _at_lines(sweep: Sweep, controller: DiscreteFilter, made: DiscreteFilter, lead: int) -> tuple[Array, Array, Array]:
-    """|1 - z^lead S_p L| of the measured response, and its bound where the response errs by two standard deviations.
+def _at_lines(
+    sweep: Sweep, controller: DiscreteFilter, made: DiscreteFilter, lead: int, taps: tuple[float, ...], gain: float
+) -> tuple[Array, Array, Array]:
+    """|Q (1 - gain z^lead S_p L)| of the measured response, and its bound two standard deviations of it away.
 
     S_p = P/(1 + P C) changes by dP/(1 + P C)².
     """
     f, rate = sweep.frequency_hz, controller.rate_hz
     k = controller.frequency_response(f)
     ahead = np.exp(2j * np.pi * f / rate * lead) * made.frequency_response(f)
-    left = np.abs(1.0 - process_sensitivity(sweep.response, k) * ahead)
+    q = np.abs(q_response(taps, f, rate))
+    left = q * np.abs(1.0 - gain * process_sensitivity(sweep.response, k) * ahead)
     spread = 2.0 * np.sqrt(0.5 * sweep.variance) * np.abs(ahead / (1.0 + sweep.response * k) ** 2)
-    return f, left, left + spread
+    return f, left, left + gain * q * spread

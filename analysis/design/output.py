@@ -11,9 +11,10 @@ from typing import Any
 from markupsafe import Markup
 
 from analysis.design.api import AxisDesign, Designed
+from analysis.design.feedback import PEAK_DB, WORST_PEAK_DB
 from analysis.design.figures import design_figures
-from analysis.design.learning import SURE_FACTOR
 from analysis.design.stages import STAGE_HEADS, StageResult, stage_rows, stages_csv
+from analysis.measurements.settling import BAND_RAD
 from analysis.pages.environment import page_environment
 from analysis.pages.svg import inlined
 from analysis.recorded.requirements import POWER_W, SETTLING_S, STABILITY_RAD
@@ -136,14 +137,24 @@ def axis_rows(designed: Designed) -> list[tuple[str, ...]]:
             ("", "reference arrives after, ms", f"{1e3 * one.price.move.arrival_s:.1f}", f"{1e3 * SETTLING_S:g}"),
             ("", "peak current, A", f"{one.price.peak_a:.2f}", f"{designed.limit_a:g}"),
             ("", "power of a 5 Hz chop, W", _power_told(one.price.power_w), f"{POWER_W:g}"),
-            ("", "peak of |S|, dB", f"{f.peak_db[0]:.2f}, worst plant {f.peak_db.max():.2f}", "5"),
+            (
+                "",
+                "peak of |S|, dB",
+                f"{f.peak_db[0]:.2f}, worst plant {f.peak_db.max():.2f}",
+                f"{PEAK_DB:g}, {WORST_PEAK_DB:g}",
+            ),
             (
                 "",
                 "gain margin, dB; phase margin, °",
                 f"{f.margins.gain_margin_db:.1f}; {f.margins.phase_margin_deg:.0f}",
                 "",
             ),
-            ("", "residual error after a period, worst", f"{one.learning.largest:.3f}", f"{SURE_FACTOR:g}"),
+            (
+                "",
+                "left by learning, worst plant, µrad",
+                f"{1e6 * one.learning.expected.left_rad:.3f}",
+                f"{1e6 * BAND_RAD:g}",
+            ),
         ]
     return rows
 

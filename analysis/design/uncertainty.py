@@ -15,19 +15,26 @@ from sim_backend.model import Model, Quantity, Value
 Array = NDArray[np.float64]
 
 
+LATE_SAMPLES = 1.0
+"""Delay by which a bench may differ from its model, either way."""
+
+SLOWEST_AMPLIFIER_HZ = 1000.0
+"""Corner of the slowest amplifier that a model without a lag may have left out. It delays by its time constant; that it
+also weakens, by a tenth at 490 Hz, helps."""
+
+
 @dataclass(frozen=True)
 class Tolerance:
-    """Relative standard deviations added to what identification states, for what it cannot see.
+    """How far each number may be off, relatively and either way, beside the scatter that identification states.
 
-    It states the scatter of one record, at one temperature and amplitude. The modulus of the structure changes by some
-    1e-4 per kelvin, so that every `frequency` moves by 0.1 % over the thermal range; magnetic hysteresis moves that of
-    the suspension, the lowest mode, by 1 % between the smallest motion and the largest. `damping` and `participation`
-    are known worse.
+    Identification states the scatter of one record, at one temperature and amplitude. Modes of cold mechanisms come
+    back within a per cent of their `frequency` and a fifth of their `damping`; magnetic hysteresis moves the
+    `suspension`, the lowest mode, by another per cent between the smallest motion and the largest.
     """
 
-    frequency: float = 0.001
+    frequency: float = 0.01
     suspension: float = 0.01
-    damping: float = 0.05
+    damping: float = 0.2
     participation: float = 0.02
 
     def __post_init__(self) -> None:
@@ -39,23 +46,29 @@ class Tolerance:
 def drawn_plants(
     model: Model, dof: str, tolerance: Tolerance, count: int, rng: np.random.Generator
 ) -> list[ModalModel]:
-    """Return `count` plants of one axis, the identified one first, each parameter independently Gaussian.
+    """Return `count` plants of one axis, the identified one first: stated scatter Gaussian, tolerances uniform.
 
-    Two real poles are not a mode, but of an amplifier or the like. Of frequency, damping and participation
+    A pair of real poles is no mode but what an amplifier and the like add: of its frequency, damping and participation
     the file states what each alone is known to, which together is far better. Both poles move by the tolerance of
-    damping instead, at the same gain at rest.
+    damping instead, at the same gain at rest. Delays differ by `LATE_SAMPLES`; where the model has neither delay nor
+    lag, by that of an amplifier of `SLOWEST_AMPLIFIER_HZ` more, later alone.
     """
     nominal = Design(model, model.sample_rate_hz).axis(dof)
     stated = _stated(model, dof, nominal)
-    added = (tolerance.frequency, tolerance.damping, tolerance.participation)
     rings = nominal.sigma_1_s < nominal.omega_rad_s
     lowest = nominal.omega_rad_s == nominal.omega_rad_s[rings].min(initial=np.inf)
-    stated = (np.hypot(stated[0], np.where(lowest, tolerance.suspension, 0.0)), *stated[1:])
-    stds = [np.hypot(np.where(rings, own, 0.0), extra) for own, extra in zip(stated, added, strict=True)]
+    off = (
+        tolerance.frequency + np.where(lowest, tolerance.suspension, 0.0),
+        np.full(lowest.shape, tolerance.damping),
+        np.full(lowest.shape, tolerance.participation),
+    )
     plants = [nominal]
     for _ in range(count - 1):
         m = nominal.n_blocks
-        frequency, damping, gain = (1.0 + std * rng.standard_normal(m) for std in stds)
+        frequency, damping, gain = (
+            1.0 + np.where(rings, own, 0.0) * rng.standard_normal(m) + most * rng.uniform(-1.0, 1.0, m)
+            for own, most in zip(stated, off, strict=True)
+        )
         frequency = np.where(rings, frequency, np.maximum(damping, 0.1))
         gain = np.where(rings, gain, gain * frequency**2)
         plants.append(
@@ -64,9 +77,19 @@ def drawn_plants(
                 sigma_1_s=nominal.sigma_1_s * np.maximum(damping, 0.1),
                 c=nominal.c * gain,
                 c_rate=nominal.c_rate * gain,
+                delay_s=_delays(nominal, bool(np.all(rings)), model.sample_rate_hz, rng),
             )
         )
     return plants
+
+
+def _delays(nominal: ModalModel, swings: bool, rate_hz: float, rng: np.random.Generator) -> Array:
+    """Return the delays (n_u,) in s of a drawn plant; `swings` tells that the model has no lag."""
+    sample = LATE_SAMPLES / rate_hz
+    if swings and not np.any(nominal.delay_s):
+        lag = rng.uniform() / (2.0 * np.pi * SLOWEST_AMPLIFIER_HZ)
+        return np.asarray(nominal.delay_s + sample * rng.uniform() + lag)
+    return np.asarray(np.maximum(nominal.delay_s + sample * rng.uniform(-1.0, 1.0), 0.0))
 
 
 def _stated(model: Model, dof: str, nominal: ModalModel) -> tuple[Array, Array, Array]:

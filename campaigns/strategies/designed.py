@@ -150,7 +150,7 @@ def _require_convergence(design: Design, control: AxisControl, loop: DiscreteFil
     f = f[(f >= 1.0) & (f < 0.5 * rate)]
     closed = process_sensitivity(plant.frequency_response(f)[:, 0, 0], loop.frequency_response(f))
     taps = q_taps(control.q_cutoff_hz, control.q_half_length, rate)
-    left = convergence(f, closed, control.learning.filter(rate), 1.0, control.lead_samples, taps)
+    left = convergence(f, closed, control.learning.filter(rate), max(control.gains), control.lead_samples, taps)
     worst = int(np.argmax(left))
     if not left[worst] < 1.0:
         raise ConfigError(

@@ -45,9 +45,9 @@ if TYPE_CHECKING:
 @click.option(
     "--tolerance",
     type=Percent(0, 50, max_open=True),
-    default="0.1%",
+    default="1%",
     show_default=True,
-    help="Standard deviation of every mode's frequency, added to what the model states, as 0.1%.",
+    help="How far every mode's frequency may be off, beside the scatter that the model states, as 1%.",
 )
 @click.option(
     "--max-power",
