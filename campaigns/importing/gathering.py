@@ -175,7 +175,8 @@ def _column(
             raise DataError(f"{what} combines {summed.size} and {values.size} samples: select equal lengths")
         summed = values if summed is None else summed + values
     assert summed is not None  # the map was checked to select something
-    return to_si(summed, channel, unit, what), layout
+    chosen = ", ".join(f"'{selection}'" for selection in given)
+    return to_si(summed, channel, unit, f"{what} ({chosen} of {source.path})"), layout
 
 
 def _check_unit(source: Source, selection: str, channel: ChannelMap, what: str) -> None:
