@@ -99,7 +99,7 @@ def _check(record: Record, made: ImportReport, path: Path) -> None:
 
 
 def _check_refusal(record: Record, said: str, source: Path) -> None:
-    """Check that a refusal is one line that names the map, for a flaw of some numbers their file, for a cell its line."""
+    """Check that a refusal is one line that names the map, and the file or line of what is flawed."""
     assert "\n" not in said and "map.toml" in said, said
     if record.flaw in ("missing", "other unit"):
         assert source.name in said, said

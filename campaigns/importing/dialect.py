@@ -31,12 +31,16 @@ MISSING = frozenset(
 )
 """Cells that stand where a number is not known, in lower case."""
 
+WORD = 0.25
+"""Worth of a cell of one word in the search for the separator, against that of a number."""
+
 _SAMPLE_LINES = 400
 MAX_LINE_CHARS = 2**20
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 _BEHIND = re.compile(r"\d+([eEdD][+-]?\d+)?")
 _LEADING_ZERO = re.compile(r"0\d")
+_DATE = re.compile(r"\d{1,4}[-/.:]\d{1,2}[-/.:]\d{1,4}([T ]\d{1,2}:\d{2}(:\d{2})?)?([.,]\d+)?(Z|[+-]\d{2}:?\d{2})?")
 _BRACKETED = re.compile(r"[\[(<].*[\])>]")
 
 
@@ -121,8 +125,12 @@ def encoding_of(path: Path) -> str:
     return "utf-8-sig"
 
 
-def dialect_of(path: Path, separator: str | None, decimal: str | None, header: bool | None) -> Dialect:
+def dialect_of(
+    path: Path, separator: str | None, decimal: str | None, header: bool | None, known: Sequence[str] = ()
+) -> Dialect:
     """Return how the table at `path` is written; what the map says is taken as said.
+
+    The line with the `known` names is that of the names, whatever the rows below it hold.
 
     Raises DataError where the table has no rows of numbers, or can be read in more than one way.
     """
@@ -131,7 +139,8 @@ def dialect_of(path: Path, separator: str | None, decimal: str | None, header: b
     if not any(line.strip() and not is_remark(line) for line in lines):
         raise DataError(f"{path} holds no line of data: check that it is the right file")
     named = separator is not None
-    separator = separator or _separator(lines, decimal)
+    sure = _line_with(known, lines, [separator] if separator else SEPARATORS) if known else None
+    separator = separator or (sure[0] if sure else _separator(lines, decimal))
     rows = [cells_of(line, separator) for line in lines]
     plain = [row for row, line in zip(rows, lines, strict=True) if line.strip() and not is_remark(line)]
     columns = _columns(plain)
@@ -141,11 +150,14 @@ def dialect_of(path: Path, separator: str | None, decimal: str | None, header: b
     plain = [row for row, line in zip(rows, lines, strict=True) if line.strip() and not is_remark(line)]
     decimal_named = decimal is not None
     decimal = decimal or _decimal(plain, columns, separator, path)
-    first = _first_row(lines, rows, columns, decimal, path)
+    first = sure[1] + 1 if sure else _first_row(lines, rows, columns, decimal, path)
     trailing = columns > 1 and separator != " " and all(not r[-1] for r in rows[first:] if len(r) == columns)
     # a last column that has a name is one, empty as it may be
     trailing = trailing and not any(len(row) == columns and row[-1] for row in rows[:first])
-    found = _head(path, lines, rows, first, columns - trailing, separator, decimal, header)
+    if sure:
+        found = tuple(_without_end(_bare(lines[sure[1]], separator), columns - trailing)), (), first
+    else:
+        found = _head(path, lines, rows, first, columns - trailing, separator, decimal, header)
     names, units, first = tuple(map(as_named, found[0])), *found[1:]
     full = [row for row in rows[first:] if len(row) == columns]
     doubt = "" if named and decimal_named else _doubt(path, full, separator, names)
@@ -179,7 +191,7 @@ def _fits(cell: str, decimal: str) -> bool:
 
 
 def _separator(lines: Sequence[str], decimal: str | None) -> str:
-    """Return the separator by which the most cells of the most rows are numbers."""
+    """Return the separator by which the most cells of the most rows are numbers, dates, or at least single words."""
     plain = [line for line in lines if line.strip() and not is_remark(line)]
     best, most = ",", 0.0
     for separator in SEPARATORS:
@@ -188,10 +200,17 @@ def _separator(lines: Sequence[str], decimal: str | None) -> str:
         full = [row for row in rows if len(row) == columns]
         if columns < 2:
             continue
-        score = sum(sum(_is_number(c, decimal) for c in row) / columns for row in full)
+        score = sum(sum(_worth(c, decimal) for c in row) / columns for row in full)
         if score > most + 1e-9:
             best, most = separator, score
     return best
+
+
+def _worth(cell: str, decimal: str | None) -> float:
+    """Return how much a cell speaks for the separator that cut it out: nothing where another is left in it."""
+    if _is_number(cell, decimal) or _DATE.fullmatch(cell):
+        return 1.0
+    return WORD if cell and not any(separator in cell for separator in SEPARATORS) else 0.0
 
 
 def _columns(rows: Sequence[Sequence[str]]) -> int:
@@ -235,6 +254,15 @@ def _first_row(lines: Sequence[str], rows: Sequence[Sequence[str]], columns: int
         if any(known) and all(_fits(cell, decimal) for cell in cells):
             return k
     raise DataError(f"{path} holds no row of numbers: check that it is the right file")
+
+
+def _line_with(known: Sequence[str], lines: Sequence[str], separators: Sequence[str]) -> tuple[str, int] | None:
+    """Return by which separator a line has all the known names, and its number; None where none has."""
+    for separator in separators:
+        for k, line in enumerate(lines):
+            if set(known) <= set(map(as_named, _bare(line, separator))):
+                return separator, k
+    return None
 
 
 def _head(
@@ -306,10 +334,12 @@ def _bare(line: str, separator: str) -> list[str]:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
+    from campaigns.importing.clock import is_time_unit
     from campaigns.log.units import is_unit
 
     written = [cell for cell in cells if cell]
-    return bool(written) and all(_BRACKETED.fullmatch(cell) or cell == "-" or is_unit(cell) for cell in written)
+    known = (_BRACKETED.fullmatch(cell) or cell == "-" or is_unit(cell) or is_time_unit(cell) for cell in written)
+    return bool(written) and all(known)
 
 
 def _may_be_names(path: Path, row: Sequence[str], others: Sequence[Sequence[str]], decimal: str) -> bool:

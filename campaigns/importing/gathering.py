@@ -84,7 +84,10 @@ class Files:
                 self.closing.close()
                 self.opened.clear()
             log, self.used[name] = self.map.log, self._path(name)
-            self.opened[name] = open_source(self.used[name], self.closing, log.delimiter, log.decimal, log.header)
+            known = (log.archive.time, log.archive.name, log.archive.value) if log.archive else ()
+            self.opened[name] = open_source(
+                self.used[name], self.closing, log.delimiter, log.decimal, log.header, known
+            )
         return self.opened[name]
 
     def take(self, size: int, what: str) -> None:
@@ -200,8 +203,8 @@ def stamps_of(source: Source, selected: str, unit: str | None, what: str) -> tup
     """
     name = selected
     if isinstance(source, TextSource):
-        number = column_of(parse_selection(selected))
-        name = source.column(number) if selected not in source.names() and number is not None else selected
+        number = None if selected in source.names() else column_of(parse_selection(selected))
+        name = selected if number is None else source.column(number)
         first = source.first_cell(name) if unit in (None, "date") else None
         if first is not None and (unit == "date" or are_dates(first)):
             return dates(source.cells(name) or [], what), "dates"

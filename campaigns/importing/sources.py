@@ -45,10 +45,12 @@ def open_source(
     separator: str | None = None,
     decimal: str | None = None,
     header: bool | None = None,
+    known: tuple[str, ...] = (),
 ) -> Source:
     """Return the source for the file at `path` by its suffix; what it holds open is let go with `closing`.
 
     `separator`, `decimal` and `header` (whether the first line holds names) are found in the file where they are None.
+    `known` are names that columns of a table must have.
 
     Raises DataError when the suffix is none of `SUFFIXES` and no other package reads it (`sim_backend.plugins`).
     """
@@ -56,7 +58,7 @@ def open_source(
         raise DataError(f"source {path} is not a file: check the path, which counts from the map's folder")
     kind = path.suffix.lower()
     if kind in TEXT:
-        return TextSource(path, separator, decimal, header)
+        return TextSource(path, separator, decimal, header, known)
     if kind in APART or is_packaged(path):
         return closing.enter_context(IsolatedSource(path))
     raise DataError(f"source {path} has the suffix '{kind}': readable are {', '.join((*SUFFIXES, *packaged()))}")

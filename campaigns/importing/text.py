@@ -62,6 +62,8 @@ class TextSource:
     separator: str | None = None
     decimal: str | None = None
     header: bool | None = None
+    known: tuple[str, ...] = ()
+    """Names that must be those of columns."""
 
     def names(self) -> list[str]:
         """Return the names of the columns; none when the table has none."""
@@ -176,7 +178,7 @@ class TextSource:
             check_expansion(self.path, self.path.name, self.path.stat().st_size, stored_bytes(self.path))
         except OSError as error:
             raise DataError(f"cannot read {self.path}: {error.strerror}; check the path and its rights") from None
-        return dialect_of(self.path, self.separator, self.decimal, self.header)
+        return dialect_of(self.path, self.separator, self.decimal, self.header, self.known)
 
     def _rows(self) -> Iterator[tuple[int, str, str | None]]:
         """Give the number of every line of the data, the line, and what of it is data: None for a remark.
