@@ -242,7 +242,8 @@ def _table(path: Path, record: Record) -> Selections:
     columns = [*([_stamp_cells(record)] if timed else []), _number_cells(record, 0), _number_cells(record, 1)]
     names = [*([time_name(record)] if timed else []), *record.names]
     units = [unit_of(record, name) or "" for name in names]
-    below = any(units) and record.style["below"]
+    # ones alone below names may be data
+    below = record.style["below"] and any(unit not in ("", "1") for unit in units)
     shown = names if below or not any(units) else [f"{n} [{u}]" if u else n for n, u in zip(names, units, strict=True)]
     head = [separator.join(_quoted(record, name) for name in shown)]
     head += [separator.join(_quoted(record, unit or "-") for unit in units)] if below else []
