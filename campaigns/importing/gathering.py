@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.importing.cells import read_number
 from campaigns.importing.clock import (
     LATEST_S,
     SECONDS,
@@ -26,7 +27,6 @@ from campaigns.importing.clock import (
     stamps_in,
     unit_in,
 )
-from campaigns.importing.dialect import read_number
 from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.mapping import ChannelMap, ImportMap, LogMap, PartMap
 from campaigns.importing.record import Layout, check_lengths, flatten, to_si, unwrapped

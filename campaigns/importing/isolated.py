@@ -11,7 +11,7 @@ from functools import cached_property
 from io import BufferedReader
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, cast
+from typing import Any, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,11 @@ class IsolatedSource:
     def names(self) -> list[str]:
         """Return the names at the top of the file; raises DataError when it is damaged."""
         return self._names
+
+    def all_names(self) -> list[str]:
+        """Return the names of all arrays, on into groups, structures and fields; raises DataError when damaged."""
+        names: list[str] = self._ask(True)[0]["names"]
+        return names
 
     def array(self, name: str) -> NDArray[Any] | None:
         """Return the array of that name, None when there is none; raises DataError when it is refused."""
@@ -68,7 +73,7 @@ class IsolatedSource:
         names: list[str] = self._ask(None)[0]["names"]
         return names
 
-    def _ask(self, name: str | None) -> tuple[dict[str, Any], NDArray[Any] | None]:
+    def _ask(self, name: str | Literal[True] | None) -> tuple[dict[str, Any], NDArray[Any] | None]:
         self._child.await_ready(self.path)
         try:
             with self._child.within(self._limit_s):
@@ -76,7 +81,7 @@ class IsolatedSource:
         except (OSError, EOFError, ValueError):
             raise self._child.why(self.path) from None
 
-    def _answer(self, name: str | None) -> tuple[dict[str, Any], NDArray[Any] | None]:
+    def _answer(self, name: str | Literal[True] | None) -> tuple[dict[str, Any], NDArray[Any] | None]:
         into, out = self._child.process.stdin, self._child.process.stdout
         assert into is not None and out is not None
         into.write(json.dumps(name).encode() + b"\n")

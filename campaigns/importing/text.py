@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.importing.cells import read_number
 from campaigns.importing.dialect import (
     MAX_LINE_CHARS,
     Dialect,
     cells_of,
     dialect_of,
     lines_of,
-    read_number,
     without_remark,
 )
 from campaigns.importing.refusals import check_expansion
