@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 
-TIME = re.compile(r"(?i)^(t|time|timestamp|zeit|temps|date|datetime|elapsed|clock)\b|time|stamp")
+TIME = re.compile(
+    r"(?i)^(t|time|timestamp|zeit|temps|date|datetime|elapsed|clock)(\b|_(ns|us|ms|s|min|h|d)$)|time|stamp"
+)
 INPUT = re.compile(
     r"(?i)^(u\d*|in(put)?\d*)$|^u[_ ]|^u(est|val)$|command|cmd|drive|torque|force|voltage|current|excit|pump|actuat|^f$"
 )

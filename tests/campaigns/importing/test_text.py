@@ -86,7 +86,7 @@ def test_the_same_table_is_read_however_it_is_written(tmp_path, how):
         ("u,y\n1,1\n0.5,1.5\n0.6,2e0\n", "may be units or data: take it out, or write 1.0"),
         ("1,05\n2,10\n3,05\n", "may be the digits behind a decimal comma"),
         ("0,1,25,2,5\n1,1,75,3,5\n", "the cell '1' may be the digits behind a decimal comma"),
-        ("2026-11-25T11:00:00.5,1,25\n2026-11-25T11:00:01.5,1,75\n", "the cell '25' may be the digits behind"),
+        ("2026-11-25T11:00:00.5,1,25\n2026-11-25T11:00:01.5,1,75\n", "may be the digits behind a decimal comma"),
         ("u,y\n1_000,2\n1_001,3\n", "holds '1_000'"),
         ("u,y\n1.5,0x10\n2.5,0x11\n", "holds '0x10'"),
         (b"u,y\n1.5,2.5\x00\n", "zero bytes"),
