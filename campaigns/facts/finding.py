@@ -16,6 +16,7 @@ from campaigns.facts import (
     loop,
     missing,
     period,
+    precision,
     rest,
     size,
     slow_sensor,
@@ -100,7 +101,8 @@ def _facts(run: Run, asked: Sequence[str]) -> tuple[Fact, ...]:
         return stored
     missing = missing_in(run)
     found = found_in(seen_in(run), asked)
-    return (*found, *(fact for fact in stored if fact.name in RELATIONS and fact.name not in missing))
+    kept = {precision.NAME, *RELATIONS} - set(missing)
+    return (*found, *(fact for fact in stored if fact.name in kept))
 
 
 def stored_facts(run: Run) -> tuple[Fact, ...]:

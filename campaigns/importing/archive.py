@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts.precision import Precision
 from campaigns.importing.clock import Clock, Stamps, clock_start, cost_text, resampled
 from campaigns.importing.gathering import Files, Part, stamps_of
-from campaigns.importing.mapping import ImportMap, PartMap
+from campaigns.importing.mapping import ChannelMap, ImportMap, PartMap
 from campaigns.importing.record import Layout, to_si, unwrapped
 from campaigns.importing.text import TextSource
 from campaigns.log import Unit
@@ -74,7 +76,19 @@ def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit]
         )
     label, given = (part.label, part.settings) if part else ("", {})
     clock = Clock(log.sample_rate_hz, clock_start(Stamps(grid, found_stamps.origin_ns)), read_as)
-    return Part(label, given, filled, Layout(count, 1, 1), clock, tuple(remarks))
+    kept = {
+        name: _precision(source, log.archive.value, found.channels[name], units[name], series[name]) for name in series
+    }
+    return Part(label, given, filled, Layout(count, 1, 1), clock, tuple(remarks), kept)
+
+
+def _precision(
+    source: TextSource, column: str, channel: ChannelMap, unit: Unit, readings: tuple[Array, Array]
+) -> Precision | None:
+    """Return how finely readings are written, as all of the column are."""
+    found = source.precision(column)
+    largest = abs(channel.scale * unit.factor) * float(np.abs(readings[1]).max())
+    return None if found is None else replace(found, largest=largest)
 
 
 def _selected(found: ImportMap, part: PartMap | None) -> dict[str, str]:

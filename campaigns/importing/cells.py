@@ -34,3 +34,9 @@ def is_number(cell: str, decimal: str | None) -> bool:
 def fits(cell: str, decimal: str) -> bool:
     """Tell whether a cell may stand in a column of numbers."""
     return read_number(cell, decimal) is not None or cell.lower() in MISSING
+
+
+def digits_of(cell: str, decimal: str) -> tuple[int, bool]:
+    """Return how many significant digits a number is written with, and whether it is a whole one."""
+    mantissa, *exponent = re.split(r"[eEdD]", cell.strip().strip('"').lstrip("+-"), maxsplit=1)
+    return len(mantissa.replace(decimal, "").lstrip("0")), decimal not in mantissa and not exponent

@@ -13,7 +13,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.facts import RELATIONS, Fact, Seen, found_in, whole
+from campaigns.facts import RELATIONS, Fact, Seen, found_in, precision, whole
+from campaigns.facts.precision import coarsest
 from campaigns.importing.archive import gather_archive
 from campaigns.importing.gathering import Files, Part, gather
 from campaigns.importing.mapping import ImportMap, PartMap, read_map
@@ -93,7 +94,9 @@ def import_run(
         ]
         columns = _joined(found, parts)
         rows = sum(part.layout.rows for part in parts)
-        facts = found_in(Seen(columns, {c.name: c for c in channels}, segments or whole(rows), rate_hz))
+        seen = Seen(columns, {c.name: c for c in channels}, segments or whole(rows), rate_hz)
+        kept = {name: coarsest([part.precisions[name] for part in parts]) for name in found.channels}
+        facts = (*found_in(seen), *precision.facts(seen, kept))
         for fact in facts:
             # what has no better value is refused where it is used: import and log keep what was measured
             if fact.refuses_import:

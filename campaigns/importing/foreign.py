@@ -360,7 +360,7 @@ def _answer(source: Foreign, name: str | Literal[True] | None) -> tuple[dict[str
     dated = found.dtype.kind == "M"
     kind = "<i8" if dated else found.dtype.str
     told = {"dtype": kind, "shape": found.shape, "turned": found.turned, "dated": dated}
-    return told | {"unit": source.unit(name)}, found
+    return told | {"unit": source.unit(name), "stored": (found.packed or found.dtype).str}, found
 
 
 def _nanoseconds(dates: AnyArray) -> AnyArray:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts.precision import Precision, coarsest
 from campaigns.importing.cells import read_number
 from campaigns.importing.clock import (
     LATEST_S,
@@ -30,8 +31,7 @@ from campaigns.importing.clock import (
 from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.mapping import ChannelMap, ImportMap, LogMap, PartMap
 from campaigns.importing.record import Layout, check_lengths, flatten, to_si, unwrapped
-from campaigns.importing.selecting import column_of, parse_selection
-from campaigns.importing.sources import Source, open_source, select, variable_of
+from campaigns.importing.sources import Source, column_named, open_source, select, variable_of
 from campaigns.importing.text import CellError, TextSource
 from campaigns.log import Unit
 from campaigns.log.guard import most_bytes, stored_bytes
@@ -47,7 +47,7 @@ MOST_OPEN = 8
 
 @dataclass(frozen=True)
 class Part:
-    """A stretch of the record: its channels (n,) in SI, how they lay in the source, their clock, and remarks."""
+    """A stretch of the record: its channels (n,) in SI, how they lay in the source, how finely, clock and remarks."""
 
     label: str
     settings: Mapping[str, Any]
@@ -55,6 +55,7 @@ class Part:
     layout: Layout
     clock: Clock
     remarks: tuple[str, ...]
+    precisions: Mapping[str, Precision | None]
 
 
 @dataclass(frozen=True)
@@ -122,12 +123,13 @@ def gather(files: Files, part: PartMap | None, units: Mapping[str, Unit], report
     log, channels = files.map.log, files.map.channels
     columns: dict[str, Array] = {}
     layouts: dict[str, Layout] = {}
+    precisions: dict[str, Precision | None] = {}
     remarks: list[str] = []
     for i, (name, channel) in enumerate(channels.items()):
         what = f"{where}channel '{name}'"
         report(i, len(channels), f"reading {what}")
         try:
-            columns[name], layouts[name] = _column(files, part, name, channel, units[name], what)
+            columns[name], layouts[name], precisions[name] = _column(files, part, name, channel, units[name], what)
         except CellError as error:
             raise DataError(f"{what}: {error}") from None
     apart = {name for name, channel in channels.items() if channel.time or channel.sample_rate_hz}
@@ -156,15 +158,16 @@ def gather(files: Files, part: PartMap | None, units: Mapping[str, Unit], report
         what = f"{where}channel '{name}'"
         _join(files, part, channels[name], name, rows, columns, what, remarks)
     label, settings = (part.label, part.settings) if part else ("", {})
-    return Part(label, settings, columns, layout, clock, tuple(remarks))
+    return Part(label, settings, columns, layout, clock, tuple(remarks), precisions)
 
 
 def _column(
     files: Files, part: PartMap | None, name: str, channel: ChannelMap, unit: Unit, what: str
-) -> tuple[Array, Layout]:
+) -> tuple[Array, Layout, Precision | None]:
     source = files.source(channel.source, part, what)
     given = {part.select[name]: 1.0} if part and name in part.select else channel.selections
     summed: Array | None = None
+    precisions: list[Precision | None] = []
     for selection, factor in given.items():
         found = select(source, selection)
         if summed is None:
@@ -174,12 +177,21 @@ def _column(
         if channel.unwrap is not None:
             values = unwrapped(values, channel.unwrap)
         values = values if factor == 1.0 else factor * values
+        precisions.append(_precision_of(source, selection, values, channel.scale * unit.factor))
         if summed is not None and summed.size != values.size:
             raise DataError(f"{what} combines {summed.size} and {values.size} samples: select equal lengths")
         summed = values if summed is None else summed + values
     assert summed is not None  # the map was checked to select something
     chosen = ", ".join(f"'{selection}'" for selection in given)
-    return to_si(summed, channel, unit, f"{what} ({chosen} of {source.path})"), layout
+    si = to_si(summed, channel, unit, f"{what} ({chosen} of {source.path})")
+    return si, layout, coarsest(precisions)
+
+
+def _precision_of(source: Source, selection: str, values: Array, factor: float) -> Precision | None:
+    """Return how finely a selection is kept, whose values (n,) are in SI when multiplied by `factor`."""
+    text = isinstance(source, TextSource)
+    found = source.precision(column_named(source, selection) if text else variable_of(source, selection))
+    return None if found is None else replace(found, largest=abs(factor) * float(np.abs(values).max()))
 
 
 def _check_unit(source: Source, selection: str, channel: ChannelMap, what: str) -> None:
@@ -203,8 +215,7 @@ def stamps_of(source: Source, selected: str, unit: str | None, what: str) -> tup
     """
     name = selected
     if isinstance(source, TextSource):
-        number = None if selected in source.names() else column_of(parse_selection(selected))
-        name = selected if number is None else source.column(number)
+        name = column_named(source, selected)
         first = source.first_cell(name) if unit in (None, "date") else None
         if first is not None and (unit == "date" or are_dates(first)):
             return dates(source.cells(name) or [], what), "dates"

@@ -138,7 +138,7 @@ def as_meant(packed: Pieces, attributes: Mapping[str, Any]) -> Pieces:
         for piece in packed.read():
             yield unpacked(piece, attributes).astype(dtype, copy=False)
 
-    return Pieces(packed.shape, dtype, read, packed.turned)
+    return Pieces(packed.shape, dtype, read, packed.turned, packed.dtype)
 
 
 def _plain(dataset: h5py.Dataset, name: str, path: Path) -> str | float | AnyArray | None:

@@ -16,6 +16,7 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts.precision import Precision
 from campaigns.log.child import Limited, start_python, time_limit_s
 from sim_backend.errors import DataError
 
@@ -55,6 +56,13 @@ class IsolatedSource:
     def dated(self, name: str) -> bool:
         """Tell whether an array that was read holds dates, as nanoseconds since 1970."""
         return bool(self._told.get(name, {}).get("dated"))
+
+    def precision(self, name: str) -> Precision | None:
+        """Return with how many bits the file stores an array that was read, None for dates and what was not read."""
+        told = np.dtype(self._told.get(name, {}).get("stored", "V"))
+        if told.kind == "f":
+            return Precision(bits=np.finfo(told).nmant + 1)
+        return Precision(bits=8 * told.itemsize, whole=True) if told.kind in "iub" else None
 
     def close(self) -> None:
         """End the child."""

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts.precision import Precision
 from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.kinds import APART, SUFFIXES, TEXT, is_packaged, packaged
 from campaigns.importing.selecting import column_of, parse_selection
@@ -37,6 +38,9 @@ class Source(Protocol):
 
     def unit(self, name: str) -> str | None:
         """Return the unit that the file itself names for an array that was read, None where it names none."""
+
+    def precision(self, name: str) -> Precision | None:
+        """Return how finely the file keeps an array that was read, None where that is not known."""
 
 
 def open_source(
@@ -67,6 +71,12 @@ def open_source(
 def variable_of(source: Source, text: str) -> str:
     """Return which variable `select = text` is of; a name that is there as it stands wins over indices."""
     return text if text in source.names() else parse_selection(text).name
+
+
+def column_named(source: TextSource, text: str) -> str:
+    """Return by what name `select = text` asks a table for one column; raises as `select`."""
+    number = None if text in source.names() else column_of(parse_selection(text))
+    return text if number is None else source.column(number)
 
 
 def select(source: Source, text: str) -> AnyArray:

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.importing.cells import read_number
+from campaigns.facts.precision import Precision
+from campaigns.importing.cells import digits_of, read_number
 from campaigns.importing.dialect import (
     MAX_LINE_CHARS,
     Dialect,
@@ -44,6 +45,9 @@ FRAME_CELLS = 2**20
 
 KEPT_BYTES = 256 * 2**20
 """What takes more is parsed twice: to see which columns hold numbers, and then to keep these."""
+
+PRECISION_ROWS = 1000
+"""So many numbers of a column show with how many digits they are written."""
 
 MOST_NAMES = 2**16
 """Different texts in a column of names: one that has more holds something else."""
@@ -140,6 +144,19 @@ class TextSource:
         columns = self._columns(name)
         row = next((data for _, _, data in self._rows() if data is not None), None)
         return cells_of(row, self.dialect.separator)[columns[0]] if columns and row is not None else None
+
+    def precision(self, name: str) -> Precision | None:
+        """Return the most digits of a column's first PRECISION_ROWS numbers, None without such a column."""
+        columns = self._columns(name)
+        if not columns:
+            return None
+        separator, decimal = self.dialect.separator, self.dialect.decimal
+        rows = (cells_of(data, separator) for _, _, data in self._rows() if data is not None)
+        cells = [row[i] for row in islice(rows, PRECISION_ROWS) for i in columns]
+        found = [digits_of(cell, decimal) for cell in cells if read_number(cell, decimal) is not None]
+        if not found:
+            return None
+        return Precision(digits=max(digits for digits, _ in found), whole=all(whole for _, whole in found))
 
     def column(self, number: int) -> str:
         """Return how the column of that number, from 0 or from the end, is asked for by `array` and `cells`.
