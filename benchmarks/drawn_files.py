@@ -81,7 +81,8 @@ def _npz(path: Path, record: Record) -> Selections:
     if record.layout == "matrix":
         save(path, data=matrix(record))
         return by_number(record, "data")
-    save(path, **{name: _ordered(record, values) for name, values in variables(record).items()})
+    found: dict[str, Any] = {name: _ordered(record, values) for name, values in variables(record).items()}
+    save(path, **found)
     return by_name(record)
 
 

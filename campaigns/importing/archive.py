@@ -66,7 +66,8 @@ def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit]
     filled, remarks = {}, []
     for channel, (stamps, readings) in series.items():
         settings = found.channels[channel]
-        readings = readings if settings.unwrap is None else unwrapped(readings, settings.unwrap)
+        if settings.unwrap is not None:
+            readings = unwrapped(readings, settings.unwrap, f"{where}channel '{channel}'")
         drawn, cost = resampled(stamps, readings, grid, log.resample)
         filled[channel] = to_si(drawn, settings, units[channel], f"{where}channel '{channel}'")
         rate_hz = 1.0 / float(np.median(np.diff(stamps)))

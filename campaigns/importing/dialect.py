@@ -134,11 +134,12 @@ def dialect_of(
     trailing = columns > 1 and separator != " " and all(not r[-1] for r in rows[first:] if len(r) == columns)
     # a last column that has a name is one, empty as it may be
     trailing = trailing and not any(len(row) == columns and row[-1] for row in rows[:first])
+    heads: tuple[tuple[str, ...], tuple[str, ...], int]
     if sure:
-        found = tuple(_without_end(_bare(lines[sure[1]], separator), columns - trailing)), (), first
+        heads = tuple(_without_end(_bare(lines[sure[1]], separator), columns - trailing)), (), first
     else:
-        found = _head(path, lines, rows, first, columns - trailing, separator, decimal, header)
-    names, units, first = tuple(map(as_named, found[0])), *found[1:]
+        heads = _head(path, lines, rows, first, columns - trailing, separator, decimal, header)
+    names, units, first = tuple(map(as_named, heads[0])), *heads[1:]
     full = [row for row in rows[first:] if len(row) == columns]
     doubt = "" if named and decimal_named else comma_doubt(path, full, separator, names)
     return Dialect(encoding, separator, decimal, columns - trailing, names, units, first, trailing, doubt)
@@ -306,8 +307,8 @@ def _bare(line: str, separator: str) -> list[str]:
 
 def _are_units(cells: Sequence[str]) -> bool:
     from campaigns.importing.clock import is_time_unit
-    from campaigns.log.units import is_unit
+    from campaigns.log.units import is_count, is_unit
 
     written = [cell for cell in cells if cell]
-    known = (_BRACKETED.fullmatch(cell) or cell == "-" or is_unit(cell) or is_time_unit(cell) for cell in written)
-    return bool(written) and all(known)
+    told = (is_unit, is_time_unit, is_count, _BRACKETED.fullmatch, "-".__eq__)
+    return bool(written) and all(any(tells(cell) for tells in told) for cell in written)

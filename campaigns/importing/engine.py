@@ -23,6 +23,7 @@ from campaigns.log import Channel, LogSegment, Unit, sha256_of, unit_named
 from campaigns.log.guard import one_line
 from campaigns.log.limits import check_note
 from campaigns.log.schema import to_json
+from campaigns.log.units import is_count
 from campaigns.log.whole import whole_log
 from campaigns.log.write import SETTINGS_BYTES
 from campaigns.names import check_label, check_name
@@ -115,6 +116,11 @@ def import_run(
 
 def _unit(name: str, symbol: str) -> Unit:
     check_name(name, "channel")
+    if is_count(symbol):
+        raise ConfigError(
+            f"[channels.{name}] has the unit '{symbol}', which is no physical one: say the unit of what is counted "
+            'and, as scale, how much of it one count is (unit = "rad", scale = 1.534e-3), or unit = "1" to keep counts'
+        )
     try:
         return unit_named(symbol)
     except ConfigError as error:

@@ -349,9 +349,10 @@ def _say(answer: dict[str, Any], found: Pieces | None = None) -> None:
 
 
 def _answer(source: Foreign, name: str | Literal[True] | None) -> tuple[dict[str, Any], Pieces | None]:
-    if name is None or name is True:
-        deep = name is not None and isinstance(source, Hdf5Source | MatSource)
-        return {"names": source.all_names() if deep else source.names()}, None
+    if name is None:
+        return {"names": source.names()}, None
+    if name is True:
+        return {"names": source.all_names() if isinstance(source, Hdf5Source | MatSource) else source.names()}, None
     found = source.pieces(name)
     if found is None:
         return {"absent": True}, None

@@ -175,7 +175,7 @@ def _column(
         values, layout = flatten(found, files.map.log.axes, what)
         _check_unit(source, variable_of(source, selection), channel, what)
         if channel.unwrap is not None:
-            values = unwrapped(values, channel.unwrap)
+            values = unwrapped(values, channel.unwrap, what)
         values = values if factor == 1.0 else factor * values
         precisions.append(_precision_of(source, selection, values, channel.scale * unit.factor))
         if summed is not None and summed.size != values.size:
@@ -189,8 +189,10 @@ def _column(
 
 def _precision_of(source: Source, selection: str, values: Array, factor: float) -> Precision | None:
     """Return how finely a selection is kept, whose values (n,) are in SI when multiplied by `factor`."""
-    text = isinstance(source, TextSource)
-    found = source.precision(column_named(source, selection) if text else variable_of(source, selection))
+    if isinstance(source, TextSource):
+        found = source.precision(column_named(source, selection))
+    else:
+        found = source.precision(variable_of(source, selection))
     return None if found is None else replace(found, largest=abs(factor) * float(np.abs(values).max()))
 
 

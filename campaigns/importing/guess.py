@@ -20,7 +20,7 @@ from campaigns.importing.guess_names import AUX, AXIS, INPUT, REFERENCE, TIME
 from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.sources import Source, open_source
 from campaigns.importing.text import TextSource
-from campaigns.log.units import is_unit
+from campaigns.log.units import is_count, is_unit
 from sim_backend.errors import DataError
 
 Array = NDArray[np.float64]
@@ -245,7 +245,11 @@ def _text(paths: Sequence[Path], source: Source, columns: Sequence[Column], cloc
         while name in taken:
             name += "_"
         taken.add(name)
-        unit, doubt = (column.unit, "") if column.unit and is_unit(column.unit) else ("1", "   # DOUBTFUL: which unit?")
+        known = column.unit is not None and is_unit(column.unit)
+        told = f"the file says {_quoted(column.unit)[:40]!r}" if column.unit else "which unit?"
+        unit, doubt = (column.unit or "", "") if known else ("1", f"   # DOUBTFUL: {told}")
+        if column.unit and is_count(column.unit):
+            doubt += "; say the unit of what is counted and, as scale, how much of it one count is"
         lines += ["", f'[channels."{_quoted(name)}"]', f'select = "{_quoted(column.select)}"']
         lines += [f'unit = "{_quoted(unit)}"{doubt}', f'role = "{column.role}"' + _doubtful(column)]
         if column.role != "aux":
