@@ -118,7 +118,7 @@ def _unit(name: str, symbol: str) -> Unit:
     check_name(name, "channel")
     if is_count(symbol):
         raise ConfigError(
-            f"[channels.{name}] has the unit '{symbol}', which is no physical one: say the unit of what is counted "
+            f"[channels.{name}] has the unit '{symbol}', which is not a physical unit: say the unit of what is counted "
             'and, as scale, how much of it one count is (unit = "rad", scale = 1.534e-3), or unit = "1" to keep counts'
         )
     try:

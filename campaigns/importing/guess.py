@@ -29,7 +29,7 @@ PATHS = (".mat", ".h5", ".hdf5", ".nc", ".tdms")
 """Files whose names are paths."""
 
 MOST_TOLD = 20
-"""So many names that are left out are told."""
+"""At most so many of the names that are left out are listed."""
 
 
 @dataclass
@@ -128,7 +128,7 @@ def _columns(source: Source, left: list[str]) -> list[Column]:
                 left.append(f"'{name}' is left out: {error}")
             continue
         if values is None or values.dtype.kind not in "fiub" or values.ndim > 2 or values.size < 2:
-            left.append(f"'{name}' is left out: it is no column of samples")
+            left.append(f"'{name}' is left out: it is not a column of samples")
             continue
         found += _columns_of(source, name, values)
     sizes = [column.values.size for column in found]

@@ -174,7 +174,7 @@ def test_a_counter_that_is_not_unwrapped_is_a_remark_and_a_wrong_range_is_refuse
 def test_counts_are_no_unit_and_the_refusal_says_what_to_write(tmp_path, run_map, unit):
     np.savez(tmp_path / "a.npz", u=np.sin(np.arange(50.0)), encoder=np.arange(50))
     text = COUNTS.format(source="a.npz", unit=unit, more="scale = 0.001")
-    with pytest.raises(ConfigError, match=r"no physical one.*how much of it one count is") as refused:
+    with pytest.raises(ConfigError, match=r"not a physical unit.*how much of it one count is") as refused:
         run_map(text)
     assert "\n" not in str(refused.value)
     run_map(text.replace(f'"{unit}"', '"rad"'))
