@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -68,10 +68,13 @@ def guess(paths: Sequence[Path], folder: Path) -> Guess:
     with ExitStack() as closing:
         source = open_source(paths[0], closing)
         left: list[str] = []
+        if isinstance(source, TextSource) and source.dialect.doubt:
+            left.append(f"DOUBTFUL: {source.dialect.doubt}")
+            source = replace(source, separator=source.dialect.separator, decimal=source.dialect.decimal)
         archive = archive_in(source) if isinstance(source, TextSource) else None
         if archive:
             others = [Column(name, values, None) for name, values in archive.series.items()]
-            clock, clock_said, left = archive.lines, [archive.said], list(archive.left)
+            clock, clock_said, left = archive.lines, [archive.said], [*left, *archive.left]
         else:
             others, clock, clock_said = _table(source, left)
     said = [*clock_said, *_some(left), *_roles(others)]

@@ -194,3 +194,14 @@ def test_a_table_with_a_remark_in_words_is_no_archive(tmp_path):
     (tmp_path / "a.csv").write_text("t;u;y;way\n" + "\n".join(rows) + "\n", encoding="utf-8")
     channels, said = imported(tmp_path, tmp_path / "a.csv")
     assert set(channels) == {"u", "y"} and "archive" not in said and "'way' is left out" in said
+
+
+def test_a_table_that_can_be_read_in_two_ways_is_proposed_with_its_doubt(tmp_path):
+    whole = np.column_stack([1000.0 * U + 5000.0, 1000.0 * Y + 5000.0, np.arange(200) % 7]).astype(int)
+    rows = "".join(f"{u},{y},{n}\n" for u, y, n in whole.tolist())
+    (tmp_path / "a.csv").write_text(rows, encoding="utf-8")
+    text, said = proposed(tmp_path, tmp_path / "a.csv")
+    assert "DOUBTFUL" in said and "digits behind a decimal comma" in said and 'delimiter = ","' in text
+    import_run(tmp_path / "map.toml", tmp_path / "a.log.h5")
+    with read_run(tmp_path / "a.log.h5") as run:
+        assert [run.read(name)[0] for name in run.channels] == [float(cell) for cell in rows.split("\n")[0].split(",")]
