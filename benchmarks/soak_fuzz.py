@@ -132,7 +132,7 @@ def _read_log(path: Path) -> object:
 
 def _read_source(path: Path) -> object:
     with IsolatedSource(path) as source:
-        return [source.names(), *(source.array(name) for name in ("x", "s.y", "s/y"))]
+        return [source.names(), source.all_names(), *(source.array(name) for name in ("x", "s.y", "s/y"))]
 
 
 def _source_bytes(kind: str) -> bytes:

@@ -171,9 +171,9 @@ def _design_axis(
 def _loops(
     plants: list[ModalModel], noise: Noise, sweep: Sweep | None, options: Options, price: Price, rate_hz: float
 ) -> tuple[FeedbackDesign, LearningDesign]:
-    """Return the quietest feedback around which learning leaves LEFT of the band or less, or the least, and its learning.
+    """Return the quietest feedback around which learning leaves LEFT of the band or less, and that learning.
 
-    What the quietest of all does to a sharp mode may make the closed loop too uncertain to learn around. Raises the
+    Where none does, the one that leaves least. What the quietest of all does to a sharp mode may make the closed loop too uncertain to learn around. Raises the
     reason against the quietest one where learning is sure around none.
     """
     grid = frequency_grid(plants[0], rate_hz)

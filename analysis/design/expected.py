@@ -1,8 +1,8 @@
 """What learning leaves of a chop's error, period by period, on every plant that the identified one may be.
 
-A chop repeats, so that only multiples of its frequency matter. With S = 1/(1 + P C) and the feed-forward u of the motion r
-the first error is S (r - P u). A period with gain g then takes the learned input from v to Q (v + g z^lead L e), and the
-error to S (r - P u) - S P v. That the loop settles within each period is supposed.
+A chop repeats, so that only multiples of its frequency matter. With S = 1/(1 + P C) and the feed-forward u of the
+motion r the first error is S (r - P u). A period with gain g then takes the learned input from v to
+Q (v + g z^lead L e), and the error to S (r - P u) - S P v. That the loop settles within each period is supposed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Motion:
-    """One period of a chop: `reference` and feed-forward `drive` (n,), and the samples (n,) at which its steps are over."""
+    """One period of a chop: `reference` (rad) and feed-forward `drive` (N m), and where its steps are over, all (n,)."""
 
     reference: Array
     drive: Array
@@ -38,7 +38,10 @@ class Motion:
 
 @dataclass(frozen=True)
 class Expected:
-    """Errors before learning and after every period of it: `rms_rad` and, after the steps, `after_rad` (periods + 1, n)."""
+    """Errors before learning and after every period of it, on n plants.
+
+    `rms_rad` is over a period, `after_rad` the largest after its steps, both (periods + 1, n).
+    """
 
     rms_rad: Array
     after_rad: Array
@@ -56,7 +59,7 @@ class Expected:
 
 
 class Learned:
-    """The responses that decide what is learned of a chop on every plant, as far as they do not depend on the gains."""
+    """The responses that decide what is learned of a chop on every plant, which do not depend on the gains."""
 
     def __init__(
         self,

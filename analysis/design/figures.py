@@ -62,8 +62,8 @@ def _convergence(designed: Designed) -> Canvas:
     canvas = _grid(
         designed,
         "Convergence of learning",
-        "What an error shrinks to in one period with the first gain, by frequency: on the identified plant, on the worst "
-        f"drawn one, and at the measured lines with their 2σ bound. Above 1 it grows.",
+        "What an error shrinks to in one period with the first gain, by frequency: on the identified plant, on the "
+        "worst drawn one, and at the measured lines with their 2σ bound. Above 1 it grows.",
     )
     for i, one in enumerate(designed.axes):
         axes = canvas.panel(i, axis_text(one.dof), "frequency (Hz)", "factor per period")

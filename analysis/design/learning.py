@@ -29,7 +29,8 @@ LARGEST_FACTOR = 0.5
 """The part of an error that a period with gain 1 may always leave: what is promised to whoever watches it."""
 
 LEFT = 0.85
-"""Part of the settling band that may be left on any plant after learning: the rest is for noise and what no model knows."""
+"""Part of the settling band that may be left on any plant after learning: the rest is for the noise of the mean cycle.
+"""
 
 QUICK = 2
 """Periods after which no plant may stray any more: one that has not been learned from and two that have may."""
@@ -58,8 +59,9 @@ class LearningDesign:
     """The learning of one axis.
 
     `factor` (n_f,) at `frequency_hz` is by how much an error shrinks per period on the identified plant with the first
-    gain, `worst` (n_f,) on the worst drawn one. `lines_hz`, `at_lines` and `at_lines_worst` are the same from the measured
-    response and its 2σ bound, None where no sweep was given.
+    gain, `worst` (n_f,) on the worst drawn one. `lines_hz`, `at_lines` and `at_lines_worst` are the same from the
+    measured response and its 2σ bound, None where no sweep was given. `expected` are the errors of a chop on every
+    plant, `grown` the part of an error that all periods together leave at most, at any frequency.
     """
 
     filter: DiscreteFilter
@@ -98,8 +100,8 @@ class LearningDesign:
         strays = float(self.expected.after_rad[QUICK:].max())
         if not strays <= STRAY_RAD:
             return (
-                f"after {QUICK} periods a plant within the uncertainty is off by {1e6 * strays:.3g} µrad after its step, "
-                f"the limit is {1e6 * STRAY_RAD:g} µrad; {fix}"
+                f"after {QUICK} periods a plant within the uncertainty is off by {1e6 * strays:.3g} µrad after its "
+                f"step, the limit is {1e6 * STRAY_RAD:g} µrad; {fix}"
             )
         if not self.expected.left_rad <= BAND_RAD:
             return (
@@ -121,8 +123,8 @@ class LearningDesign:
 def averaging_gains(count: int, first: float = 1.0) -> tuple[float, ...]:
     """Return gains that take a part of the error some times and then average: 1, 1, 1, 1/2, 1/3 and so on.
 
-    With gain 1/n the learned input becomes the mean of n noisy estimates, whose noise falls with the root of n. An input
-    learned with a gain g is the mean of 1/g of them already.
+    With gain 1/n the learned input becomes the mean of n noisy estimates, whose noise falls with the root of n. An
+    input learned with a gain g is the mean of 1/g of them already.
     """
     full = min(round(FULL_S / first), count)
     return (*(first for _ in range(full)), *(1.0 / (1.0 / first + n) for n in range(1, count - full + 1)))
@@ -137,7 +139,7 @@ def design_learning(
     cutoffs_hz: Sequence[float],
     motion: Motion,
 ) -> LearningDesign:
-    """Return the learning around `controller` that leaves least of the chop `motion`; the first plant is the identified.
+    """Return the learning around `controller` that leaves least of the chop `motion`; the first plant is identified.
 
     `grid_hz` (n_f,) are the frequencies at which the error must not grow, `cutoffs_hz` the bands that may be learned,
     the narrowest first: the first that leaves LEFT is taken. Raises ConfigError when an error may grow on a plant, a

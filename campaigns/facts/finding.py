@@ -18,6 +18,7 @@ from campaigns.facts import (
     missing,
     period,
     plausible,
+    precision,
     resampled,
     rest,
     size,
@@ -105,7 +106,7 @@ def _facts(run: Run, asked: Sequence[str]) -> tuple[Fact, ...]:
     stored = stored_facts(run)
     if stored and run.rows * columns > MOST_NUMBERS:
         return stored
-    kept = set(RELATIONS) - set(missing_in(run))
+    kept = {precision.NAME, *RELATIONS} - set(missing_in(run))
     made = [fact for fact in stored if _only_at_import(run, fact)]
     return (*made, *found_in(seen_in(run), asked), *(fact for fact in stored if fact.name in kept))
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts.precision import Precision
 from campaigns.facts.resampled import fact as resampled_fact
 from campaigns.facts.resampled import resampling
 from campaigns.importing.clock import Clock, Stamps, clock_start, resampled
 from campaigns.importing.gathering import Files, Part, stamps_of
-from campaigns.importing.mapping import ImportMap, PartMap
+from campaigns.importing.mapping import ChannelMap, ImportMap, PartMap
 from campaigns.importing.record import Layout, to_si, unwrapped
 from campaigns.importing.text import TextSource
 from campaigns.log import Unit
@@ -67,12 +69,25 @@ def gather_archive(files: Files, part: PartMap | None, units: Mapping[str, Unit]
     filled, facts = {}, []
     for channel, (stamps, readings) in series.items():
         settings = found.channels[channel]
-        readings = readings if settings.unwrap is None else unwrapped(readings, settings.unwrap)
+        if settings.unwrap is not None:
+            readings = unwrapped(readings, settings.unwrap, f"{where}channel '{channel}'")
         drawn, error = resampled(stamps, readings, grid, log.resample)
         filled[channel] = to_si(drawn, settings, units[channel], f"{where}channel '{channel}'")
         facts.append(resampled_fact(channel, label, label, resampling(stamps, grid, log.resample, error)))
     clock = Clock(log.sample_rate_hz, clock_start(Stamps(grid, found_stamps.origin_ns)), read_as)
-    return Part(label, given, filled, Layout(count, 1, 1), clock, tuple(facts))
+    kept = {
+        name: _precision(source, log.archive.value, found.channels[name], units[name], series[name]) for name in series
+    }
+    return Part(label, given, filled, Layout(count, 1, 1), clock, tuple(facts), kept)
+
+
+def _precision(
+    source: TextSource, column: str, channel: ChannelMap, unit: Unit, readings: tuple[Array, Array]
+) -> Precision | None:
+    """Return how finely readings are written, as all of the column are."""
+    found = source.precision(column)
+    largest = abs(channel.scale * unit.factor) * float(np.abs(readings[1]).max())
+    return None if found is None else replace(found, largest=largest)
 
 
 def _selected(found: ImportMap, part: PartMap | None) -> dict[str, str]:

@@ -86,6 +86,11 @@ def unit_in(text: str) -> str | None:
     return _SPELLED.get(written)
 
 
+def is_time_unit(text: str) -> bool:
+    """Tell whether a text is a unit of time and nothing else, in brackets or not."""
+    return text.strip().strip("[](){}<>").strip().lower().replace("µ", "u").replace("μ", "u") in _SPELLED
+
+
 def stamps_in(values: NDArray[Any], unit: str) -> Stamps:
     """Return numbers (n,) in a unit of time as times; whole numbers are counted from the first and lose nothing."""
     factor = SECONDS[unit.replace("µ", "u")]

@@ -15,6 +15,8 @@ from itertools import islice
 from pathlib import Path
 from typing import TextIO
 
+from campaigns.importing.cells import DATE, fits, is_number, read_number
+from campaigns.importing.doubts import check_no_units, comma_doubt, may_be_names
 from campaigns.log.guard import first_line
 from campaigns.spreadsheet import as_named
 from sim_backend.errors import DataError
@@ -25,18 +27,12 @@ SEPARATORS = ("\t", ";", ",", "|", " ")
 COMMENT = ("#", "%", "//", "!")
 """What begins a line of remarks above the data; inside the data `#` alone does."""
 
-MISSING = frozenset(
-    ("", "-", "--", "na", "n/a", "#n/a", "#na", "null", "none", "nan", "+nan", "-nan", "nan(ind)", "-nan(ind)", "inf")
-    + ("+inf", "-inf", "#value!", "#div/0!", "#num!", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind", "1.#inf", "-1.#inf")
-)
-"""Cells that stand where a number is not known, in lower case."""
+WORD = 0.25
+"""Worth of a cell of one word in the search for the separator, against that of a number."""
 
 _SAMPLE_LINES = 400
 MAX_LINE_CHARS = 2**20
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
-_BEHIND = re.compile(r"\d+([eEdD][+-]?\d+)?")
-_LEADING_ZERO = re.compile(r"0\d")
 _BRACKETED = re.compile(r"[\[(<].*[\])>]")
 
 
@@ -55,18 +51,6 @@ class Dialect:
     """Whether every row ends with a separator, after which there is no cell."""
     doubt: str
     """Why its numbers cannot be read for certain; empty where they can."""
-
-
-def read_number(cell: str, decimal: str) -> float | None:
-    """Return the number in a cell, None where it is none: blanks around it and Fortran's exponent D are taken."""
-    text = cell.strip()
-    if decimal != ".":
-        if "." in text:
-            return None
-        text = text.replace(decimal, ".")
-    if not _NUMBER.fullmatch(text):
-        return None
-    return float(text.replace("d", "e").replace("D", "e"))
 
 
 def cells_of(line: str, separator: str) -> list[str]:
@@ -121,8 +105,12 @@ def encoding_of(path: Path) -> str:
     return "utf-8-sig"
 
 
-def dialect_of(path: Path, separator: str | None, decimal: str | None, header: bool | None) -> Dialect:
+def dialect_of(
+    path: Path, separator: str | None, decimal: str | None, header: bool | None, known: Sequence[str] = ()
+) -> Dialect:
     """Return how the table at `path` is written; what the map says is taken as said.
+
+    The line with the `known` names is that of the names, whatever the rows below it hold.
 
     Raises DataError where the table has no rows of numbers, or can be read in more than one way.
     """
@@ -131,7 +119,8 @@ def dialect_of(path: Path, separator: str | None, decimal: str | None, header: b
     if not any(line.strip() and not is_remark(line) for line in lines):
         raise DataError(f"{path} holds no line of data: check that it is the right file")
     named = separator is not None
-    separator = separator or _separator(lines, decimal)
+    sure = _line_with(known, lines, [separator] if separator else SEPARATORS) if known else None
+    separator = separator or (sure[0] if sure else _separator(lines, decimal))
     rows = [cells_of(line, separator) for line in lines]
     plain = [row for row, line in zip(rows, lines, strict=True) if line.strip() and not is_remark(line)]
     columns = _columns(plain)
@@ -141,14 +130,18 @@ def dialect_of(path: Path, separator: str | None, decimal: str | None, header: b
     plain = [row for row, line in zip(rows, lines, strict=True) if line.strip() and not is_remark(line)]
     decimal_named = decimal is not None
     decimal = decimal or _decimal(plain, columns, separator, path)
-    first = _first_row(lines, rows, columns, decimal, path)
+    first = sure[1] + 1 if sure else _first_row(lines, rows, columns, decimal, path)
     trailing = columns > 1 and separator != " " and all(not r[-1] for r in rows[first:] if len(r) == columns)
     # a last column that has a name is one, empty as it may be
     trailing = trailing and not any(len(row) == columns and row[-1] for row in rows[:first])
-    found = _head(path, lines, rows, first, columns - trailing, separator, decimal, header)
-    names, units, first = tuple(map(as_named, found[0])), *found[1:]
+    heads: tuple[tuple[str, ...], tuple[str, ...], int]
+    if sure:
+        heads = tuple(_without_end(_bare(lines[sure[1]], separator), columns - trailing)), (), first
+    else:
+        heads = _head(path, lines, rows, first, columns - trailing, separator, decimal, header)
+    names, units, first = tuple(map(as_named, heads[0])), *heads[1:]
     full = [row for row in rows[first:] if len(row) == columns]
-    doubt = "" if named and decimal_named else _doubt(path, full, separator, names)
+    doubt = "" if named and decimal_named else comma_doubt(path, full, separator, names)
     return Dialect(encoding, separator, decimal, columns - trailing, names, units, first, trailing, doubt)
 
 
@@ -169,17 +162,8 @@ def lines_of(stream: TextIO, path: Path) -> Iterator[str]:
         yield line
 
 
-def _is_number(cell: str, decimal: str | None) -> bool:
-    return any(read_number(cell, sign) is not None for sign in ([decimal] if decimal else [".", ","]))
-
-
-def _fits(cell: str, decimal: str) -> bool:
-    """Tell whether a cell may stand in a column of numbers."""
-    return read_number(cell, decimal) is not None or cell.lower() in MISSING
-
-
 def _separator(lines: Sequence[str], decimal: str | None) -> str:
-    """Return the separator by which the most cells of the most rows are numbers."""
+    """Return the separator by which the most cells of the most rows are numbers, dates, or at least single words."""
     plain = [line for line in lines if line.strip() and not is_remark(line)]
     best, most = ",", 0.0
     for separator in SEPARATORS:
@@ -188,10 +172,17 @@ def _separator(lines: Sequence[str], decimal: str | None) -> str:
         full = [row for row in rows if len(row) == columns]
         if columns < 2:
             continue
-        score = sum(sum(_is_number(c, decimal) for c in row) / columns for row in full)
+        score = sum(sum(_worth(c, decimal) for c in row) / columns for row in full)
         if score > most + 1e-9:
             best, most = separator, score
     return best
+
+
+def _worth(cell: str, decimal: str | None) -> float:
+    """Return how much a cell speaks for the separator that cut it out: nothing where another is left in it."""
+    if is_number(cell, decimal) or DATE.fullmatch(cell):
+        return 1.0
+    return WORD if cell and not any(separator in cell for separator in SEPARATORS) else 0.0
 
 
 def _columns(rows: Sequence[Sequence[str]]) -> int:
@@ -217,7 +208,7 @@ def _decimal(rows: Sequence[Sequence[str]], columns: int, separator: str, path: 
 def _first_row(lines: Sequence[str], rows: Sequence[Sequence[str]], columns: int, decimal: str, path: Path) -> int:
     """Return the number of the first line of data."""
     full = [row for row, line in zip(rows, lines, strict=True) if len(row) == columns and not is_remark(line)]
-    shares = [sum(_fits(row[i], decimal) for row in full) / len(full) for i in range(columns)]
+    shares = [sum(fits(row[i], decimal) for row in full) / len(full) for i in range(columns)]
     numbers = [any(read_number(row[i], decimal) is not None for row in full) for i in range(columns)]
     numeric = [i for i in range(columns) if shares[i] >= 0.5 and numbers[i]]
     if not numeric:
@@ -232,9 +223,18 @@ def _first_row(lines: Sequence[str], rows: Sequence[Sequence[str]], columns: int
             continue
         cells = [row[i] for i in numeric]
         known = [read_number(cell, decimal) is not None for cell in cells]
-        if any(known) and all(_fits(cell, decimal) for cell in cells):
+        if any(known) and all(fits(cell, decimal) for cell in cells):
             return k
     raise DataError(f"{path} holds no row of numbers: check that it is the right file")
+
+
+def _line_with(known: Sequence[str], lines: Sequence[str], separators: Sequence[str]) -> tuple[str, int] | None:
+    """Return by which separator a line has all the known names, and its number; None where none has."""
+    for separator in separators:
+        for k, line in enumerate(lines):
+            if set(known) <= set(map(as_named, _bare(line, separator))):
+                return separator, k
+    return None
 
 
 def _head(
@@ -255,7 +255,7 @@ def _head(
     bare = all(remark or (columns > 1 and len(line) != columns) for line, remark in zip(above, remarks, strict=True))
     if header is True and bare:
         return tuple(data[0]), (), first + 1
-    if header is not False and bare and not any(remarks) and _may_be_names(path, data[0], data[1:], decimal):
+    if header is not False and bare and not any(remarks) and may_be_names(path, data[0], data[1:], decimal):
         return tuple(data[0]), (), first + 1
     if header is False or not above:
         if header:
@@ -269,7 +269,7 @@ def _head(
     if len(last) == columns:
         if _are_units(last) and others and len(others[-1]) == columns and not _are_units(others[-1]):
             return _names(path, others[-1], first - 1, header), tuple(last), first
-        _check_no_units(path, data[0], data[1:], decimal)
+        check_no_units(path, data[0], data[1:], decimal)
         return _names(path, last, first, header), (), first
     if remarks[-1] or len(last) == 1:
         return (), (), first  # a remark or a line of text
@@ -306,64 +306,9 @@ def _bare(line: str, separator: str) -> list[str]:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    from campaigns.log.units import is_unit
+    from campaigns.importing.clock import is_time_unit
+    from campaigns.log.units import is_count, is_unit
 
     written = [cell for cell in cells if cell]
-    return bool(written) and all(_BRACKETED.fullmatch(cell) or cell == "-" or is_unit(cell) for cell in written)
-
-
-def _may_be_names(path: Path, row: Sequence[str], others: Sequence[Sequence[str]], decimal: str) -> bool:
-    """Tell whether a first line that holds numbers alone are names, as tables that were given none have.
-
-    Those are whole numbers that count from 0 or 1, beside an empty cell for the rows' own names.
-    """
-    counted = [cell for cell in row if cell]
-    whole = [int(cell) for cell in counted if cell.isdecimal()]
-    counts = len(whole) == len(counted) > 0 and whole in (
-        list(range(len(whole))),
-        list(range(1, len(whole) + 1)),
-    )
-    if not counts:
-        return False
-    if len(counted) < len(row):
-        return not row[0] and all(all(other) for other in others)
-    if len(row) == 1 or not others or not all(_fractions(others, decimal)[1:]):
-        return False
-    raise DataError(
-        f"{path}: the first line ({', '.join(row)}) may be names or data: say header = true (names) or "
-        "header = false (data) in [log]"
-    )
-
-
-def _fractions(rows: Sequence[Sequence[str]], decimal: str) -> list[bool]:
-    """Tell for each column whether all its numbers have a fraction or an exponent.
-
-    Whole numbers above such were written by another hand.
-    """
-    return [all(decimal in cell or "e" in cell.lower() for cell in column) for column in zip(*rows, strict=True)]
-
-
-def _check_no_units(path: Path, row: Sequence[str], others: Sequence[Sequence[str]], decimal: str) -> None:
-    """Raise DataError where a first row of ones, below names, may be the units of quantities that have none."""
-    if others and all(cell == "1" for cell in row) and all(_fractions(others, decimal)):
-        raise DataError(
-            f"{path}: the line below the names ({', '.join(row)}) may be units or data: take it out, "
-            f"or write 1{decimal}0 in it if it is data"
-        )
-
-
-def _doubt(path: Path, rows: Sequence[Sequence[str]], separator: str, names: Sequence[str]) -> str:
-    """Return what to say where the commas between cells may be decimal commas, else an empty text."""
-    cells = [cell for row in rows for cell in row]
-    if separator != "," or any("." in cell for cell in cells):
-        return ""
-    digits = next((cell for row in rows for cell in row[1:] if _LEADING_ZERO.match(cell)), None)
-    halves = [cell for row in rows for cell in row[1::2]]
-    unnamed = not any(names) and len(rows[0]) % 2 == 0 and all(map(_BEHIND.fullmatch, halves))
-    if digits is None and not unnamed:
-        return ""
-    shown = digits or halves[0]
-    return (
-        f"{path}: the cell '{shown}' may be the digits behind a decimal comma, but the comma separates cells: save it "
-        'with another separator, or say delimiter = "," and decimal = "." in [log] if it is a number of its own'
-    )
+    told = (is_unit, is_time_unit, is_count, _BRACKETED.fullmatch, "-".__eq__)
+    return bool(written) and all(any(tells(cell) for tells in told) for cell in written)

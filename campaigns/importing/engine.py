@@ -13,7 +13,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.facts import RELATIONS, Fact, Seen, found_in, whole
+from campaigns.facts import RELATIONS, Fact, Seen, found_in, precision, whole
+from campaigns.facts.precision import coarsest
 from campaigns.facts.resampled import NAME as RESAMPLED
 from campaigns.importing.archive import gather_archive
 from campaigns.importing.gathering import Files, Part, gather
@@ -23,6 +24,7 @@ from campaigns.log import Channel, LogSegment, Unit, sha256_of, unit_named
 from campaigns.log.guard import one_line
 from campaigns.log.limits import check_note
 from campaigns.log.schema import to_json
+from campaigns.log.units import is_count
 from campaigns.log.whole import whole_log
 from campaigns.log.write import SETTINGS_BYTES
 from campaigns.names import check_label, check_name
@@ -95,7 +97,8 @@ def import_run(
         columns = _joined(found, parts)
         rows = sum(part.layout.rows for part in parts)
         seen = Seen(columns, {c.name: c for c in channels}, segments or whole(rows), rate_hz)
-        facts = (*(fact for part in parts for fact in part.facts), *found_in(seen))
+        kept = {name: coarsest([part.precisions[name] for part in parts]) for name in found.channels}
+        facts = (*(fact for part in parts for fact in part.facts), *found_in(seen), *precision.facts(seen, kept))
         for fact in facts:
             # what has no better value is refused where it is used: import and log keep what was measured
             if fact.refuses_import:
@@ -113,6 +116,11 @@ def import_run(
 
 def _unit(name: str, symbol: str) -> Unit:
     check_name(name, "channel")
+    if is_count(symbol):
+        raise ConfigError(
+            f"[channels.{name}] has the unit '{symbol}', which is not a physical unit: say the unit of what is counted "
+            'and, as scale, how much of it one count is (unit = "rad", scale = 1.534e-3), or unit = "1" to keep counts'
+        )
     try:
         return unit_named(symbol)
     except ConfigError as error:

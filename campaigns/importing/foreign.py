@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import h5py
 import numpy as np
@@ -204,6 +204,20 @@ class MatSource:
             self._shapes.update({name: tuple(shape) for name, shape, _ in found})
         return list(self._shapes)
 
+    def all_names(self) -> list[str]:
+        """Return the names of variables but objects, of structures those of their fields; raises DataError as `names`.
+
+        A structure that is refused stands for itself.
+        """
+        structures = {one.name for one in self._walked if one.is_structure}
+        found: list[str] = []
+        for name in self.names():
+            try:
+                found += _fields(name, self._variable(name)) if name in structures else [name]
+            except DataError:
+                found.append(name)
+        return found
+
     @cached_property
     def _objects(self) -> dict[str, str]:
         """Classes of objects by name."""
@@ -224,13 +238,16 @@ class MatSource:
             raise refusal(self.path, variable, self._objects[variable])
         if variable not in self.names():
             return None
-        self._bound(variable)
-        found = self._parse(lambda: scipy.io.loadmat(self.path, variable_names=[variable])[variable])
+        found = self._variable(variable)
         for step in fields:
             if not isinstance(found, np.ndarray) or found.size != 1 or step not in (found.dtype.names or ()):
                 return None
             found = found[step].flat[0]
         return of_array(found) if isinstance(found, np.ndarray) else None
+
+    def _variable(self, name: str) -> Any:
+        self._bound(name)
+        return self._parse(lambda: scipy.io.loadmat(self.path, variable_names=[name])[name])
 
     def _bound(self, variable: str) -> None:
         """Let this process take what the variable needs, once that is known to be no bomb: scipy reads it whole."""
@@ -253,14 +270,22 @@ class MatSource:
             raise unreadable(self.path, error) from None
 
 
+def _fields(name: str, found: AnyArray) -> list[str]:
+    """Return the names of the fields of a structure, and of those in it; its own where it is an array of several."""
+    if not found.dtype.names or found.size != 1:
+        return [name]
+    return [one for field in found.dtype.names for one in _fields(f"{name}.{field}", found[field].flat[0])]
+
+
 Foreign = NpySource | NpzSource | Hdf5Source | MatSource | Netcdf3Source | TdmsSource | ParquetSource | PackagedSource
 
 
 def child() -> None:
     """Answer questions about the file named on the command line until standard input ends.
 
-    A question is one line of JSON, null for the names or the name of an array. So is an answer; that of an array is
-    followed by its bytes, in C order of the stated shape. Dates come as nanoseconds since 1970.
+    A question is one line of JSON: null for the names at the top, true for all names, or the name of an array. So is an
+    answer; that of an array is followed by its bytes, in C order of the stated shape. Dates come as nanoseconds since
+    1970.
     """
     path = Path(sys.argv[1])
     _load_parsers(path)
@@ -323,9 +348,11 @@ def _say(answer: dict[str, Any], found: Pieces | None = None) -> None:
     sys.stdout.buffer.flush()
 
 
-def _answer(source: Foreign, name: str | None) -> tuple[dict[str, Any], Pieces | None]:
+def _answer(source: Foreign, name: str | Literal[True] | None) -> tuple[dict[str, Any], Pieces | None]:
     if name is None:
         return {"names": source.names()}, None
+    if name is True:
+        return {"names": source.all_names() if isinstance(source, Hdf5Source | MatSource) else source.names()}, None
     found = source.pieces(name)
     if found is None:
         return {"absent": True}, None
@@ -334,7 +361,7 @@ def _answer(source: Foreign, name: str | None) -> tuple[dict[str, Any], Pieces |
     dated = found.dtype.kind == "M"
     kind = "<i8" if dated else found.dtype.str
     told = {"dtype": kind, "shape": found.shape, "turned": found.turned, "dated": dated}
-    return told | {"unit": source.unit(name)}, found
+    return told | {"unit": source.unit(name), "stored": (found.packed or found.dtype).str}, found
 
 
 def _nanoseconds(dates: AnyArray) -> AnyArray:

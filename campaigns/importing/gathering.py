@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.facts import Fact
+from campaigns.facts.precision import Precision, coarsest
 from campaigns.facts.resampled import Resampling, resampling
 from campaigns.facts.resampled import fact as resampled_fact
+from campaigns.importing.cells import read_number
 from campaigns.importing.clock import (
     LATEST_S,
     SECONDS,
@@ -28,12 +30,10 @@ from campaigns.importing.clock import (
     stamps_in,
     unit_in,
 )
-from campaigns.importing.dialect import read_number
 from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.mapping import ChannelMap, ImportMap, LogMap, PartMap
 from campaigns.importing.record import Layout, check_lengths, flatten, to_si, unwrapped
-from campaigns.importing.selecting import column_of, parse_selection
-from campaigns.importing.sources import Source, open_source, select, variable_of
+from campaigns.importing.sources import Source, column_named, open_source, select, variable_of
 from campaigns.importing.text import CellError, TextSource
 from campaigns.log import Unit
 from campaigns.log.guard import most_bytes, stored_bytes
@@ -49,7 +49,7 @@ MOST_OPEN = 8
 
 @dataclass(frozen=True)
 class Part:
-    """A stretch of the record: its channels (n,) in SI, how they lay in the source, their clock, what was resampled."""
+    """A stretch of the record: its channels (n,) in SI, how they lay in the source, how finely, clock, resampling."""
 
     label: str
     settings: Mapping[str, Any]
@@ -57,6 +57,7 @@ class Part:
     layout: Layout
     clock: Clock
     facts: tuple[Fact, ...]
+    precisions: Mapping[str, Precision | None]
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,10 @@ class Files:
                 self.closing.close()
                 self.opened.clear()
             log, self.used[name] = self.map.log, self._path(name)
-            self.opened[name] = open_source(self.used[name], self.closing, log.delimiter, log.decimal, log.header)
+            known = (log.archive.time, log.archive.name, log.archive.value) if log.archive else ()
+            self.opened[name] = open_source(
+                self.used[name], self.closing, log.delimiter, log.decimal, log.header, known
+            )
         return self.opened[name]
 
     def take(self, size: int, what: str) -> None:
@@ -122,11 +126,12 @@ def gather(files: Files, part: PartMap | None, units: Mapping[str, Unit], report
     columns: dict[str, Array] = {}
     layouts: dict[str, Layout] = {}
     onto: dict[str, Resampling] = {}
+    precisions: dict[str, Precision | None] = {}
     for i, (name, channel) in enumerate(channels.items()):
         what = f"{where}channel '{name}'"
         report(i, len(channels), f"reading {what}")
         try:
-            columns[name], layouts[name] = _column(files, part, name, channel, units[name], what)
+            columns[name], layouts[name], precisions[name] = _column(files, part, name, channel, units[name], what)
         except CellError as error:
             raise DataError(f"{what}: {error}") from None
     apart = {name for name, channel in channels.items() if channel.time or channel.sample_rate_hz}
@@ -157,15 +162,16 @@ def gather(files: Files, part: PartMap | None, units: Mapping[str, Unit], report
     label, settings = (part.label, part.settings) if part else ("", {})
     segment = "" if "realisation" in log.axes else label
     facts = tuple(resampled_fact(name, label, segment, onto[name]) for name in channels if name in onto)
-    return Part(label, settings, columns, layout, clock, facts)
+    return Part(label, settings, columns, layout, clock, facts, precisions)
 
 
 def _column(
     files: Files, part: PartMap | None, name: str, channel: ChannelMap, unit: Unit, what: str
-) -> tuple[Array, Layout]:
+) -> tuple[Array, Layout, Precision | None]:
     source = files.source(channel.source, part, what)
     given = {part.select[name]: 1.0} if part and name in part.select else channel.selections
     summed: Array | None = None
+    precisions: list[Precision | None] = []
     for selection, factor in given.items():
         found = select(source, selection)
         if summed is None:
@@ -173,13 +179,25 @@ def _column(
         values, layout = flatten(found, files.map.log.axes, what)
         _check_unit(source, variable_of(source, selection), channel, what)
         if channel.unwrap is not None:
-            values = unwrapped(values, channel.unwrap)
+            values = unwrapped(values, channel.unwrap, what)
         values = values if factor == 1.0 else factor * values
+        precisions.append(_precision_of(source, selection, values, channel.scale * unit.factor))
         if summed is not None and summed.size != values.size:
             raise DataError(f"{what} combines {summed.size} and {values.size} samples: select equal lengths")
         summed = values if summed is None else summed + values
     assert summed is not None  # the map was checked to select something
-    return to_si(summed, channel, unit, what), layout
+    chosen = ", ".join(f"'{selection}'" for selection in given)
+    si = to_si(summed, channel, unit, f"{what} ({chosen} of {source.path})")
+    return si, layout, coarsest(precisions)
+
+
+def _precision_of(source: Source, selection: str, values: Array, factor: float) -> Precision | None:
+    """Return how finely a selection is kept, whose values (n,) are in SI when multiplied by `factor`."""
+    if isinstance(source, TextSource):
+        found = source.precision(column_named(source, selection))
+    else:
+        found = source.precision(variable_of(source, selection))
+    return None if found is None else replace(found, largest=abs(factor) * float(np.abs(values).max()))
 
 
 def _check_unit(source: Source, selection: str, channel: ChannelMap, what: str) -> None:
@@ -203,8 +221,7 @@ def stamps_of(source: Source, selected: str, unit: str | None, what: str) -> tup
     """
     name = selected
     if isinstance(source, TextSource):
-        number = column_of(parse_selection(selected))
-        name = source.column(number) if selected not in source.names() and number is not None else selected
+        name = column_named(source, selected)
         first = source.first_cell(name) if unit in (None, "date") else None
         if first is not None and (unit == "date" or are_dates(first)):
             return dates(source.cells(name) or [], what), "dates"

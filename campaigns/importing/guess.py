@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,20 +15,21 @@ from numpy.typing import NDArray
 from campaigns.facts.period import period_of
 from campaigns.importing.clock import Stamps, clock_of, dates, stamps_in, unit_in
 from campaigns.importing.gathering import are_dates
+from campaigns.importing.guess_archive import archive_in
+from campaigns.importing.guess_names import AUX, AXIS, INPUT, REFERENCE, TIME
+from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.sources import Source, open_source
 from campaigns.importing.text import TextSource
-from campaigns.log.units import is_unit
+from campaigns.log.units import is_count, is_unit
 from sim_backend.errors import DataError
 
 Array = NDArray[np.float64]
 
-TIME = re.compile(r"(?i)^(t|time|timestamp|zeit|temps|date|datetime|elapsed|clock)\b|time|stamp")
-INPUT = re.compile(
-    r"(?i)^(u\d*|in(put)?\d*)$|^u[_ ]|^u(est|val)$|command|cmd|drive|torque|force|voltage|current|excit|pump|actuat|^f$"
-)
-REFERENCE = re.compile(r"(?i)ref|setpoint|set_point|demand|target")
-AUX = re.compile(r"(?i)temp|humid|pressure|index|^n$|^i$|flag|status|^#$")
-AXIS = re.compile(r"(?i)(?:^|[_ \[(])(theta_?[xyz]|[xyz]|\d+)(?:[\])]|$)|(?<=[a-z])(\d+)$")
+PATHS = (".mat", ".h5", ".hdf5", ".nc", ".tdms")
+"""Files whose names are paths."""
+
+MOST_TOLD = 20
+"""At most so many of the names that are left out are listed."""
 
 
 @dataclass
@@ -39,11 +41,14 @@ class Column:
     unit: str | None
     role: str = ""
     doubts: list[str] = field(default_factory=list)
+    last: str = ""
+    """Last step of the path that it is selected by, empty where it has none."""
 
     @property
     def plain(self) -> str:
-        """The name without its unit."""
-        return re.sub(r"\s*[\[(].*$", "", self.select).strip() or self.select
+        """The name without the path before it and its unit."""
+        name = self.last or self.select
+        return re.sub(r"\s*[\[(].*$", "", name).strip() or name
 
 
 @dataclass(frozen=True)
@@ -63,15 +68,17 @@ def guess(paths: Sequence[Path], folder: Path) -> Guess:
     with ExitStack() as closing:
         source = open_source(paths[0], closing)
         left: list[str] = []
-        columns = _columns(source, left)
-        if not columns:
-            raise DataError(f"{paths[0]} holds no column of numbers that can be selected: write the map by hand")
-        clock, clock_said = _clock(source, columns)
-    others = [column for column in columns if column.role != "time"]
-    if len(others) < 2:
-        raise DataError(f"{paths[0]} holds {len(others)} column(s) beside its clock; an input and an output are needed")
-    said = [*clock_said, *left, *_roles(others)]
-    period = period_of({c.select: c.values for c in others if c.role == "input"})
+        if isinstance(source, TextSource) and source.dialect.doubt:
+            left.append(f"DOUBTFUL: {source.dialect.doubt}")
+            source = replace(source, separator=source.dialect.separator, decimal=source.dialect.decimal)
+        archive = archive_in(source) if isinstance(source, TextSource) else None
+        if archive:
+            others = [Column(name, values, None) for name, values in archive.series.items()]
+            clock, clock_said, left = archive.lines, [archive.said], [*left, *archive.left]
+        else:
+            others, clock, clock_said = _table(source, left)
+    said = [*clock_said, *_some(left), *_roles(others)]
+    period = 0 if archive else period_of({c.select: c.values for c in others if c.role == "input"})
     if period:
         said.append(f"the inputs repeat after {period} samples")
     text = _text([_from(path, folder) for path in paths], source, others, clock, period)
@@ -84,10 +91,33 @@ def _from(path: Path, folder: Path) -> Path:
     return whole.relative_to(folder) if whole.is_relative_to(folder) else whole
 
 
+def _table(source: Source, left: list[str]) -> tuple[list[Column], str, list[str]]:
+    """Return the columns beside the clock, the lines of the map on the clock, and what is to be said about it."""
+    columns = _columns(source, left)
+    if not columns:
+        told = "; ".join(_some(left))
+        raise DataError(
+            f"{source.path} holds no column of numbers that can be selected: write the map by hand"
+            + (f" ({told})" if told else "")
+        )
+    clock, said = _clock(source, columns)
+    others = [column for column in columns if column.role != "time"]
+    if len(others) < 2:
+        raise DataError(
+            f"{source.path} holds {len(others)} column(s) beside its clock; an input and an output are needed"
+        )
+    return others, clock, said
+
+
+def _some(left: Sequence[str]) -> list[str]:
+    """Return the first of what is left out, and how many more there are."""
+    return [*left[:MOST_TOLD], *([f"{len(left) - MOST_TOLD} more are left out"] if len(left) > MOST_TOLD else [])]
+
+
 def _columns(source: Source, left: list[str]) -> list[Column]:
-    """Return every one-dimensional run of numbers of the commonest length; tells of those that cannot be read."""
+    """Return every one-dimensional run of numbers of the commonest length; tells of those that are left out."""
     found: list[Column] = []
-    names = source.names()
+    names = source.all_names() if isinstance(source, IsolatedSource) else source.names()
     for k, name in enumerate(names or [""]):
         if not name and names or names.count(name) > 1:
             left.append(f"column {k + 1} is left out: it has no name of its own")
@@ -100,21 +130,38 @@ def _columns(source: Source, left: list[str]) -> list[Column]:
             else:
                 left.append(f"'{name}' is left out: {error}")
             continue
-        if values is None or values.dtype.kind not in "fiub" or values.ndim > 2:
+        if values is None or values.dtype.kind not in "fiub" or values.ndim > 2 or values.size < 2:
+            left.append(f"'{name}' is left out: it is not a column of samples")
             continue
-        values = values.squeeze() if values.ndim == 2 and 1 in values.shape else values
-        if values.ndim == 1:
-            found.append(Column(name, np.asarray(values, dtype=np.float64), source.unit(name)))
-        elif values.ndim == 2:
-            found += [
-                Column(f"{name}[:, {k}]", np.array(values[:, k], dtype=np.float64), None)
-                for k in range(values.shape[1])
-            ]
-    if not found:
-        return []
+        found += _columns_of(source, name, values)
     sizes = [column.values.size for column in found]
-    usual = max(set(sizes), key=lambda size: (sizes.count(size), size))
+    usual = max(set(sizes), key=lambda size: (sizes.count(size), size), default=0)
+    left += [
+        f"'{column.select}' is left out: it has {column.values.size} samples, most have {usual}"
+        for column in found
+        if column.values.size != usual
+    ]
     return [column for column in found if column.values.size == usual]
+
+
+def _columns_of(source: Source, name: str, values: NDArray[np.generic]) -> list[Column]:
+    """Return the columns of an array of one or two axes, of which the longer one is that of the samples."""
+    last = _last_step(source, name)
+    if values.ndim == 2 and 1 in values.shape:
+        values = values.reshape(-1)
+    if values.ndim == 1:
+        return [Column(name, np.asarray(values, dtype=np.float64), source.unit(name), last=last)]
+    upright = values.shape[0] >= values.shape[1]
+    indices = [f"[:, {k}]" if upright else f"[{k}, :]" for k in range(min(values.shape))]
+    runs = (values if upright else values.T).astype(np.float64).T
+    return [Column(f"{name}{index}", run, None, last=last) for index, run in zip(indices, runs, strict=True)]
+
+
+def _last_step(source: Source, name: str) -> str:
+    """Return what stands behind the last group or structure of a name, empty where its file has neither."""
+    kind = source.path.suffix.lower()
+    sign = "." if kind == ".mat" else "/"
+    return name.rpartition(sign)[2] if kind in PATHS else ""
 
 
 def _clock(source: Source, columns: list[Column]) -> tuple[str, list[str]]:
@@ -149,6 +196,8 @@ def _roles(columns: list[Column]) -> list[str]:
     for column in columns:
         if np.ptp(column.values) == 0.0:
             column.role, note = "aux", "it never changes"
+        elif TIME.search(column.plain) and bool(np.all(np.diff(column.values) > 0.0)):
+            column.role, note = "aux", "it is another clock"
         elif REFERENCE.search(column.plain):
             column.role, note = "reference", "by its name"
         elif AUX.search(column.plain):
@@ -190,14 +239,20 @@ def _text(paths: Sequence[Path], source: Source, columns: Sequence[Column], cloc
         lines.append(f'decimal = "{dialect.decimal}"')
     if period:
         lines.append(f"period = {period}   # found on the inputs")
+    plain = Counter(column.plain for column in columns)
     taken: set[str] = set()
     single = all(sum(column.role == role for column in columns) <= 1 for role in ("input", "output"))
     for column in columns:
-        name = re.sub(r"[^\w .-]", "_", column.plain).strip(" ._") or "channel"
+        called = column.plain if plain[column.plain] == 1 else column.select
+        name = re.sub(r"[^\w .-]+", "_", called).strip(" ._-") or "channel"
         while name in taken:
             name += "_"
         taken.add(name)
-        unit, doubt = (column.unit, "") if column.unit and is_unit(column.unit) else ("1", "   # DOUBTFUL: which unit?")
+        known = column.unit is not None and is_unit(column.unit)
+        told = f"the file says {_quoted(column.unit)[:40]!r}" if column.unit else "which unit?"
+        unit, doubt = (column.unit or "", "") if known else ("1", f"   # DOUBTFUL: {told}")
+        if column.unit and is_count(column.unit):
+            doubt += "; say the unit of what is counted and, as scale, how much of it one count is"
         lines += ["", f'[channels."{_quoted(name)}"]', f'select = "{_quoted(column.select)}"']
         lines += [f'unit = "{_quoted(unit)}"{doubt}', f'role = "{column.role}"' + _doubtful(column)]
         if column.role != "aux":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,13 @@ from campaigns.importing.packing import PACKING, unpacked
 from campaigns.importing.pieces import Pieces, boxes
 from campaigns.importing.refusals import unreadable
 from campaigns.log.guard import check_dataset, link_names, member, open_h5
+from sim_backend.errors import DataError
 
 AnyArray = NDArray[Any]
+
+MOST_NAMES = 10_000
+MOST_LEVELS = 32
+"""Groups within groups that are looked into: they may hold each other."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,30 @@ class Hdf5Source:
         with open_h5(self.path) as file:
             names = [name for name in link_names(file, self.path) if not name.startswith("#")]
             return [n for n in names if not self.matlab or class_of(member(file, n, self.path)) is None]
+
+    def all_names(self) -> list[str]:
+        """Return the paths of datasets and fields in all groups, at most MOST_NAMES; a link stands for itself."""
+        with open_h5(self.path) as file:
+            return list(islice(self._below(file, "", frozenset()), MOST_NAMES))
+
+    def _below(self, group: h5py.Group, before: str, above: frozenset[int]) -> Iterator[str]:
+        """Yield what is in a group and below it; `above` are the groups that it is in, which it may hold again."""
+        for name in link_names(group, self.path):
+            if name.startswith("#"):
+                continue
+            try:
+                found = member(group, name, self.path)
+            except DataError:
+                yield before + name  # why it is refused is told to who asks for it
+                continue
+            if self.matlab and class_of(found) is not None:
+                continue
+            if isinstance(found, h5py.Dataset):
+                yield from _fields(before + name, found.dtype, "." if self.matlab else "/")
+                continue
+            address = h5py.h5o.get_info(found.id).addr
+            if address not in above and len(above) < MOST_LEVELS:
+                yield from self._below(found, f"{before}{name}{'.' if self.matlab else '/'}", above | {address})
 
     def pieces(self, name: str) -> Pieces | None:
         """Return the dataset at that path, None when there is none; raises DataError when it is refused."""
@@ -89,6 +119,14 @@ class Hdf5Source:
         return (found, []) if isinstance(found, h5py.Dataset) else (None, [])
 
 
+def _fields(name: str, dtype: np.dtype[Any], sign: str) -> Iterator[str]:
+    """Yield the names of a dataset's fields, its own where it has none."""
+    if not dtype.names:
+        yield name
+    for field in dtype.names or ():
+        yield from _fields(f"{name}{sign}{field}", dtype[field], sign)
+
+
 def as_meant(packed: Pieces, attributes: Mapping[str, Any]) -> Pieces:
     """Return numbers as the attributes mean them; of which type they are shows when all of them were seen."""
     if not any(value is not None for value in attributes.values()):
@@ -100,7 +138,7 @@ def as_meant(packed: Pieces, attributes: Mapping[str, Any]) -> Pieces:
         for piece in packed.read():
             yield unpacked(piece, attributes).astype(dtype, copy=False)
 
-    return Pieces(packed.shape, dtype, read, packed.turned)
+    return Pieces(packed.shape, dtype, read, packed.turned, packed.dtype)
 
 
 def _plain(dataset: h5py.Dataset, name: str, path: Path) -> str | float | AnyArray | None:

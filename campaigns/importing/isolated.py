@@ -11,11 +11,12 @@ from functools import cached_property
 from io import BufferedReader
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, cast
+from typing import Any, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts.precision import Precision
 from campaigns.log.child import Limited, start_python, time_limit_s
 from sim_backend.errors import DataError
 
@@ -35,6 +36,11 @@ class IsolatedSource:
         """Return the names at the top of the file; raises DataError when it is damaged."""
         return self._names
 
+    def all_names(self) -> list[str]:
+        """Return the names of all arrays, on into groups, structures and fields; raises DataError when damaged."""
+        names: list[str] = self._ask(True)[0]["names"]
+        return names
+
     def array(self, name: str) -> NDArray[Any] | None:
         """Return the array of that name, any shape, None without one; raises DataError when it is refused."""
         said, values = self._ask(name)
@@ -50,6 +56,13 @@ class IsolatedSource:
     def dated(self, name: str) -> bool:
         """Tell whether an array that was read holds dates, as nanoseconds since 1970."""
         return bool(self._told.get(name, {}).get("dated"))
+
+    def precision(self, name: str) -> Precision | None:
+        """Return with how many bits the file stores an array that was read, None for dates and what was not read."""
+        told = np.dtype(self._told.get(name, {}).get("stored", "V"))
+        if told.kind == "f":
+            return Precision(bits=np.finfo(told).nmant + 1)
+        return Precision(bits=8 * told.itemsize, whole=True) if told.kind in "iub" else None
 
     def close(self) -> None:
         """End the child."""
@@ -68,7 +81,7 @@ class IsolatedSource:
         names: list[str] = self._ask(None)[0]["names"]
         return names
 
-    def _ask(self, name: str | None) -> tuple[dict[str, Any], NDArray[Any] | None]:
+    def _ask(self, name: str | Literal[True] | None) -> tuple[dict[str, Any], NDArray[Any] | None]:
         self._child.await_ready(self.path)
         try:
             with self._child.within(self._limit_s):
@@ -76,7 +89,7 @@ class IsolatedSource:
         except (OSError, EOFError, ValueError):
             raise self._child.why(self.path) from None
 
-    def _answer(self, name: str | None) -> tuple[dict[str, Any], NDArray[Any] | None]:
+    def _answer(self, name: str | Literal[True] | None) -> tuple[dict[str, Any], NDArray[Any] | None]:
         into, out = self._child.process.stdin, self._child.process.stdout
         assert into is not None and out is not None
         into.write(json.dumps(name).encode() + b"\n")

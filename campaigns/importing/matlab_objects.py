@@ -19,6 +19,7 @@ from sim_backend.errors import DataError
 
 _HEADER = 128
 _MATRIX, _COMPRESSED, _OPAQUE = 14, 15, 17
+_STRUCTURE = 2
 _BLOCK = 2**20
 _ENOUGH = 4096
 """Bytes of an element that hold its name and class."""
@@ -38,6 +39,7 @@ class Variable:
     """Position of its element in the file, behind the tag."""
     size: int = 0
     packed: bool = False
+    is_structure: bool = False
 
 
 def variables_in(path: Path) -> list[Variable]:
@@ -88,7 +90,8 @@ def unpacked_bytes(path: Path, name: str, most: int) -> int:
 def _variable(data: bytes, order: str) -> Variable:
     """Return what the beginning of an element tells."""
     flags, rest = _part(data, order)
-    if struct.unpack(f"{order}I", flags[:4])[0] & 0xFF == _OPAQUE:
+    kind = struct.unpack(f"{order}I", flags[:4])[0] & 0xFF
+    if kind == _OPAQUE:
         texts = []
         for _ in range(3):
             text, rest = _part(rest, order)
@@ -97,7 +100,7 @@ def _variable(data: bytes, order: str) -> Variable:
     lengths, rest = _part(rest, order)
     name, _ = _part(rest, order)
     shape = struct.unpack(f"{order}{len(lengths) // 4}i", lengths[: len(lengths) // 4 * 4])
-    return Variable(name.decode("latin-1"), shape)
+    return Variable(name.decode("latin-1"), shape, is_structure=kind == _STRUCTURE)
 
 
 def _part(data: bytes, order: str) -> tuple[bytes, bytes]:

@@ -19,13 +19,15 @@ Box = tuple[slice | int, ...]
 class Pieces:
     """An array of `shape` and `dtype` whose numbers `read` gives in C order, anew at each call.
 
-    `turned` says that the array meant is the transpose.
+    `turned` says that the array meant is the transpose, `packed` of which type the stored numbers are that these were
+    computed from.
     """
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     read: Callable[[], Iterator[NDArray[Any]]]
     turned: bool = False
+    packed: np.dtype[Any] | None = None
 
     @property
     def nbytes(self) -> int:

@@ -14,6 +14,9 @@ from sim_backend.errors import DataError
 
 Array = NDArray[np.float64]
 
+SPAN_ROUNDING = 1e-6
+"""An angle in single precision that begins anew after 360 may read 360.00001 at most."""
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -65,11 +68,17 @@ def to_si(values: Array, channel: ChannelMap, unit: Unit, what: str) -> Array:
     return si
 
 
-def unwrapped(values: Array, jump: float) -> Array:
+def unwrapped(values: Array, jump: float, what: str) -> Array:
     """Return readings (n,) of a counter or an angle that begins anew after `jump`, without those jumps.
 
-    Two readings must lie less than half a `jump` apart.
+    Two readings must lie less than half a `jump` apart. Raises DataError for readings that span more than a `jump`.
     """
+    span = float(np.ptp(values))
+    if span > jump * (1.0 + SPAN_ROUNDING):
+        raise DataError(
+            f"{what} has unwrap = {jump:.10g} and readings that span {span:.10g}, of at most {jump:.10g}: say after "
+            "how much they begin anew, in the unit of the source before scale, or take unwrap out"
+        )
     return np.unwrap(values, period=jump)
 
 

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts.precision import Precision
 from campaigns.importing.isolated import IsolatedSource
 from campaigns.importing.kinds import APART, SUFFIXES, TEXT, is_packaged, packaged
 from campaigns.importing.selecting import column_of, parse_selection
@@ -38,6 +39,9 @@ class Source(Protocol):
     def unit(self, name: str) -> str | None:
         """Return the unit that the file itself names for an array that was read, None where it names none."""
 
+    def precision(self, name: str) -> Precision | None:
+        """Return how finely the file keeps an array that was read, None where that is not known."""
+
 
 def open_source(
     path: Path,
@@ -45,10 +49,12 @@ def open_source(
     separator: str | None = None,
     decimal: str | None = None,
     header: bool | None = None,
+    known: tuple[str, ...] = (),
 ) -> Source:
     """Return the source for the file at `path` by its suffix; what it holds open is let go with `closing`.
 
     `separator`, `decimal` and `header` (whether the first line holds names) are found in the file where they are None.
+    `known` are names that columns of a table must have.
 
     Raises DataError when the suffix is none of `SUFFIXES` and no other package reads it (`sim_backend.plugins`).
     """
@@ -56,7 +62,7 @@ def open_source(
         raise DataError(f"source {path} is not a file: check the path, which counts from the map's folder")
     kind = path.suffix.lower()
     if kind in TEXT:
-        return TextSource(path, separator, decimal, header)
+        return TextSource(path, separator, decimal, header, known)
     if kind in APART or is_packaged(path):
         return closing.enter_context(IsolatedSource(path))
     raise DataError(f"source {path} has the suffix '{kind}': readable are {', '.join((*SUFFIXES, *packaged()))}")
@@ -65,6 +71,12 @@ def open_source(
 def variable_of(source: Source, text: str) -> str:
     """Return which variable `select = text` is of; a name that is there as it stands wins over indices."""
     return text if text in source.names() else parse_selection(text).name
+
+
+def column_named(source: TextSource, text: str) -> str:
+    """Return by what name `select = text` asks a table for one column; raises as `select`."""
+    number = None if text in source.names() else column_of(parse_selection(text))
+    return text if number is None else source.column(number)
 
 
 def select(source: Source, text: str) -> AnyArray:

@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.facts.precision import Precision
+from campaigns.importing.cells import digits_of, read_number
 from campaigns.importing.dialect import (
     MAX_LINE_CHARS,
     Dialect,
     cells_of,
     dialect_of,
     lines_of,
-    read_number,
     without_remark,
 )
 from campaigns.importing.refusals import check_expansion
@@ -45,6 +46,9 @@ FRAME_CELLS = 2**20
 KEPT_BYTES = 256 * 2**20
 """What takes more is parsed twice: to see which columns hold numbers, and then to keep these."""
 
+PRECISION_ROWS = 1000
+"""So many numbers of a column show with how many digits they are written."""
+
 MOST_NAMES = 2**16
 """Different texts in a column of names: one that has more holds something else."""
 
@@ -62,6 +66,8 @@ class TextSource:
     separator: str | None = None
     decimal: str | None = None
     header: bool | None = None
+    known: tuple[str, ...] = ()
+    """Names that must be those of columns."""
 
     def names(self) -> list[str]:
         """Return the names of the columns; none when the table has none."""
@@ -139,6 +145,19 @@ class TextSource:
         row = next((data for _, _, data in self._rows() if data is not None), None)
         return cells_of(row, self.dialect.separator)[columns[0]] if columns and row is not None else None
 
+    def precision(self, name: str) -> Precision | None:
+        """Return the most digits of a column's first PRECISION_ROWS numbers, None without such a column."""
+        columns = self._columns(name)
+        if not columns:
+            return None
+        separator, decimal = self.dialect.separator, self.dialect.decimal
+        rows = (cells_of(data, separator) for _, _, data in self._rows() if data is not None)
+        cells = [row[i] for row in islice(rows, PRECISION_ROWS) for i in columns]
+        found = [digits_of(cell, decimal) for cell in cells if read_number(cell, decimal) is not None]
+        if not found:
+            return None
+        return Precision(digits=max(digits for digits, _ in found), whole=all(whole for _, whole in found))
+
     def column(self, number: int) -> str:
         """Return how the column of that number, from 0 or from the end, is asked for by `array` and `cells`.
 
@@ -176,7 +195,7 @@ class TextSource:
             check_expansion(self.path, self.path.name, self.path.stat().st_size, stored_bytes(self.path))
         except OSError as error:
             raise DataError(f"cannot read {self.path}: {error.strerror}; check the path and its rights") from None
-        return dialect_of(self.path, self.separator, self.decimal, self.header)
+        return dialect_of(self.path, self.separator, self.decimal, self.header, self.known)
 
     def _rows(self) -> Iterator[tuple[int, str, str | None]]:
         """Give the number of every line of the data, the line, and what of it is data: None for a remark.

@@ -62,10 +62,17 @@ def _table() -> dict[str, Unit]:
 
 UNITS = MappingProxyType(_table())
 
+_COUNTS = frozenset(("count", "counts", "cts", "lsb", "tick", "ticks", "increment", "increments", "inc", "digits"))
+
 
 def is_unit(text: str) -> bool:
     """Tell whether a text is the symbol of an accepted unit."""
     return _plain(text) in UNITS
+
+
+def is_count(text: str) -> bool:
+    """Tell whether a text names the counts of a converter or an encoder, which are of no physical unit."""
+    return text.strip().lower() in _COUNTS
 
 
 def unit_named(symbol: str) -> Unit:

@@ -8,15 +8,14 @@ import pytest
 import scipy.io
 
 from campaigns.log import read_run, verify
+from sim_backend.errors import ConfigError, DataError
 
 STARTED = pytest.mark.usefixtures("started_readers")
 """For what the readers of every format below, each a process of its own, do not show."""
 
 
 def write_csv(path: Path, data: dict[str, np.ndarray], delimiter: str = ",") -> None:
-    np.savetxt(
-        path, np.column_stack([data["tx"], data["ax"]]), "%.17g", delimiter, header=delimiter.join(data), comments=""
-    )
+    np.savetxt(path, np.column_stack(list(data.values())), "%.17g", delimiter, header=delimiter.join(data), comments="")
 
 
 def write_mat73(path: Path, data: dict[str, np.ndarray]) -> None:
@@ -37,6 +36,9 @@ def write_h5(path: Path, data: dict[str, np.ndarray]) -> None:
 WRITERS = {
     "a.csv": write_csv,
     "a.tsv": lambda path, data: write_csv(path, data, "\t"),
+    "a.dat": lambda path, data: write_csv(path, data, " "),
+    "a.txt": lambda path, data: write_csv(path, data, "\t"),
+    "a.asc": lambda path, data: write_csv(path, data, ";"),
     "a.npz": lambda path, data: np.savez_compressed(path, **data),
     "a.mat": lambda path, data: scipy.io.savemat(path, data, do_compression=True),
     "b.mat": write_mat73,
@@ -118,3 +120,71 @@ def test_both_matlab_versions_index_alike(tmp_path, run_map, plain):
         with read_run(tmp_path / "out.h5") as run:
             np.testing.assert_allclose(run.read("torque"), matrix[1] * 1e-3, rtol=4e-16)
         (tmp_path / "out.h5").unlink()
+
+
+COUNTS = """
+[log]
+test = "counter"
+source = "{source}"
+sample_rate_hz = 1000.0
+[channels.command]
+select = "u"
+unit = "V"
+role = "input"
+[channels.angle]
+select = "encoder"
+unit = "{unit}"
+role = "output"
+{more}
+"""
+
+
+@pytest.mark.parametrize("kind", ["u2", "i2"])
+@pytest.mark.parametrize("suffix", ["npz", "dat"])
+def test_a_counter_of_16_bits_is_unwrapped_and_scaled(tmp_path, run_map, kind, suffix):
+    turned = np.cumsum(np.random.default_rng(3).integers(-9_000, 11_000, 2_000))  # overflows both ways, a dozen times
+    counts = turned.astype(kind)
+    assert np.ptp(turned) > 10 * 65_536
+    data = {"u": np.sin(np.arange(2_000.0)), "encoder": counts}
+    if suffix == "npz":
+        np.savez(tmp_path / "a.npz", **data)
+    else:
+        write_csv(tmp_path / "a.dat", data, " ")
+    per_count = 2.0 * np.pi / 4096.0
+    run_map(COUNTS.format(source=f"a.{suffix}", unit="rad", more=f"unwrap = 65536.0\nscale = {per_count!r}"))
+    with read_run(tmp_path / "out.h5") as run:
+        wanted = (turned - turned[0] + int(counts[0])) * per_count  # whole numbers of a double are exact
+        np.testing.assert_allclose(run.read("angle"), wanted, rtol=1e-15, atol=0.0)
+
+
+def test_a_counter_that_is_not_unwrapped_is_a_remark_and_a_wrong_range_is_refused(tmp_path, run_map):
+    turned = 40 * np.arange(5_000)
+    np.savez(tmp_path / "a.npz", u=np.sin(np.arange(5_000.0)), encoder=turned.astype("u2"))
+    made = run_map(COUNTS.format(source="a.npz", unit="rad", more="scale = 0.001"))
+    assert any("angle jumps by" in remark and "unwrap" in remark for remark in made.remarks)
+    (tmp_path / "out.h5").unlink()
+    for wrong in ("32768.0", "65.536"):
+        with pytest.raises(
+            DataError, match=f"readings that span {np.ptp(turned.astype('u2'))}, of at most .* unit of the source"
+        ):
+            run_map(COUNTS.format(source="a.npz", unit="rad", more=f"unwrap = {wrong}\nscale = 0.001"))
+
+
+@pytest.mark.parametrize("unit", ["counts", "LSB", "ticks"])
+def test_counts_are_no_unit_and_the_refusal_says_what_to_write(tmp_path, run_map, unit):
+    np.savez(tmp_path / "a.npz", u=np.sin(np.arange(50.0)), encoder=np.arange(50))
+    text = COUNTS.format(source="a.npz", unit=unit, more="scale = 0.001")
+    with pytest.raises(ConfigError, match=r"not a physical unit.*how much of it one count is") as refused:
+        run_map(text)
+    assert "\n" not in str(refused.value)
+    run_map(text.replace(f'"{unit}"', '"rad"'))
+    with read_run(tmp_path / "out.h5") as run:
+        np.testing.assert_allclose(run.read("angle"), 0.001 * np.arange(50), rtol=1e-15)
+
+
+def test_a_row_of_units_may_say_counts(tmp_path, run_map):
+    rows = "".join(f"{0.1 * k:.1f};{7 * k}\n" for k in range(50))
+    (tmp_path / "a.dat").write_text(f"u;encoder\nV;counts\n{rows}", encoding="utf-8")
+    run_map(COUNTS.format(source="a.dat", unit="rad", more="scale = 0.001"))
+    with read_run(tmp_path / "out.h5") as run:
+        np.testing.assert_allclose(run.read("angle"), 0.007 * np.arange(50), rtol=1e-14)

@@ -51,6 +51,7 @@ READ: dict[str, str | bytes] = {
     "Fortran": f"t,u,y\n{ROWS.replace('1e-3', '1.0D-03')}",
     "comma at every end": f"t,u,y\n{ROWS}".replace("\n", ",\n"),
     "comma at every end of the data": f"t,u,y\n{ROWS.replace(chr(10), ',' + chr(10))}",
+    "units of time below": f"t,u,y\nmin,V,mm\n{ROWS}",
     "blank lines at the end": f"t,u,y\n{ROWS}\n\n",
     "no end of line": f"t,u,y\n{ROWS.strip()}",
     "micro sign in a code page": f"t,u,y (\u00b5m)\n{ROWS}".encode("cp1252"),
@@ -84,6 +85,8 @@ def test_the_same_table_is_read_however_it_is_written(tmp_path, how):
         ("Recorder\n\n0,1\n0.5,1.0\n0.6,2.0\n", "may be names or data: say header"),
         ("u,y\n1,1\n0.5,1.5\n0.6,2e0\n", "may be units or data: take it out, or write 1.0"),
         ("1,05\n2,10\n3,05\n", "may be the digits behind a decimal comma"),
+        ("0,1,25,2,5\n1,1,75,3,5\n", "the cell '1' may be the digits behind a decimal comma"),
+        ("2026-11-25T11:00:00.5,1,25\n2026-11-25T11:00:01.5,1,75\n", "may be the digits behind a decimal comma"),
         ("u,y\n1_000,2\n1_001,3\n", "holds '1_000'"),
         ("u,y\n1.5,0x10\n2.5,0x11\n", "holds '0x10'"),
         (b"u,y\n1.5,2.5\x00\n", "zero bytes"),
@@ -99,6 +102,21 @@ def test_what_cannot_be_read_for_certain_is_refused_with_its_place(tmp_path, tex
         for name in source.names() or [""]:
             source.array(name)
     assert said in str(refused.value), refused.value
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_words_and_dates_beside_decimal_commas_do_not_hide_what_separates(tmp_path, decimal):
+    rows = [f"2026-11-25T11:00:0{k}.25;pump;{k}.125" for k in range(4)]
+    source = table(tmp_path, "t;name;y\n" + "\n".join(rows).replace(".", decimal) + "\n")
+    assert source.names() == ["t", "name", "y"]
+    np.testing.assert_array_equal(source.array("y"), [0.125, 1.125, 2.125, 3.125])
+
+
+def test_known_names_are_names_whatever_the_first_rows_hold(tmp_path):
+    text = "t\tname\ty\n0.0\tdoor 1\tclosed\n0.0\tpump 2\t1.5\n1.0\tpump 2\t2.5\n"
+    source = table(tmp_path, text, known=("t", "name", "y"))
+    assert source.names() == ["t", "name", "y"] and source.dialect.separator == "\t"
+    np.testing.assert_array_equal(source.numbers("y"), [np.nan, 1.5, 2.5])
 
 
 def test_a_head_of_numbers_that_a_table_without_names_gets_is_no_row(tmp_path):
