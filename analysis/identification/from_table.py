@@ -61,7 +61,7 @@ def identify_table(
     fit = _fitted(f, response, (modes,) if modes else ORDERS, report)
     output, input_ = table.units
     found = identification(
-        Fitted(fit.model, deviations(fit), None, fit.dof),
+        Fitted(fit.model, deviations(fit), None, fit.dof, dropped=fit.dropped),
         (),
         [Port(name="input", unit=input_, dof="x")],
         [Port(name="output", unit=output, dof="x")],
@@ -72,7 +72,7 @@ def identify_table(
     )
     unknown = np.full(f.size, np.nan)
     curve = ResponseCurve("output", "input", f, np.abs(response), np.angle(response), unknown, unknown)
-    return replace(found, response=(curve,), remarks=table.remarks)
+    return replace(found, response=(curve,), remarks=(*table.remarks, *found.remarks))
 
 
 def _at_level(table: Table, keep: NDArray[np.bool_]) -> str:

@@ -9,6 +9,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.identification.dropped import Dropped
+from analysis.identification.mode_remarks import remarks_on_modes
 from analysis.identification.response_curves import ResponseCurve
 from analysis.identification.response_fit import RationalFit
 from analysis.identification.timefit import TimeFit
@@ -54,7 +56,8 @@ class Identification:
 class Fitted:
     """A linear model between named channels, its standard deviations in the same shapes, and the quality of the fit.
 
-    `offsets` (records, n_y) is what each output reads where the model is at rest, one row per record.
+    `offsets` (records, n_y) is what each output reads where the model is at rest, one row per record; `dropped` are the
+    modes that were given up.
     """
 
     linear: ModalModel
@@ -62,6 +65,7 @@ class Fitted:
     chi2: float | None
     dof: int
     offsets: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    dropped: tuple[Dropped, ...] = ()
 
 
 def deviations(fit: TimeFit | RationalFit) -> ModalModel:
@@ -147,7 +151,8 @@ def identification(
         for i in np.argsort(linear.omega_rad_s)
     )
     chi2_per_dof = None if fitted.chi2 is None else fitted.chi2 / max(fitted.dof, 1)
-    return Identification(model, method, modes, chi2_per_dof, *levels, held_out, response)
+    remarks = remarks_on_modes(linear, std, fitted.dropped)
+    return Identification(model, method, modes, chi2_per_dof, *levels, held_out, response, remarks)
 
 
 def _zeros(offsets: Array, outputs: list[Port], source: str) -> list[EffectEntry]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -21,21 +22,23 @@ from analysis.frequency.frf import FrequencyResponse, frequency_response_periodi
 from analysis.identification.axes import Axes, fit_axes
 from analysis.identification.between_samples import fit_between_samples, response_freed
 from analysis.identification.determined import without_undetermined
+from analysis.identification.from_sweeps import identify_sweeps
 from analysis.identification.held_out import channels_of, tried
-from analysis.identification.identified import Fitted, Identification, deviations, identification, side_by_side
-from analysis.identification.in_time import fit_in_time, in_a_loop, may_be_late
+from analysis.identification.identified import Fitted, HeldOut, Identification, deviations, identification
+from analysis.identification.in_time import fit_in_time, fitted_again, in_a_loop, may_be_late
 from analysis.identification.line_fit import fit_lines, pooled_variance
+from analysis.identification.merged_pairs import with_pairs_merged
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.realisations import Realisations, bring_to_one_level, realisations_of
+from analysis.identification.record_remarks import is_stepped_sine, remarks_on_records
 from analysis.identification.refined import refined
-from analysis.identification.response_curves import curve_of_sweep, curves_of_periods
+from analysis.identification.response_curves import curves_of_periods
 from analysis.identification.response_fit import RationalFit
-from analysis.identification.sweep_fit import fit_sweep
 from analysis.identification.swing import without_swing
+from analysis.identification.timefit import TimeFit
 from analysis.identification.whole_delay import BEGINNING_ROWS, beginning
 from analysis.recorded.folded import averaged_response, too_long
-from analysis.recorded.sweep import sweep_of
-from campaigns.facts import facts_of, measured_segments, remarks_on
+from campaigns.facts import facts_of, measured_segments
 from campaigns.facts.loop import NAME as LOOP
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of, unheard
@@ -74,8 +77,8 @@ def identify_runs(
     orders = _orders(runs, modes)
     if not runs:
         raise DataError("identify: no run is given; give one log at least")
-    if all(any("measure_from" in s.settings for s in run.segments) for run in runs):
-        return _from_sweeps(runs, orders, name, report)
+    if all(is_stepped_sine(run) for run in runs):
+        return identify_sweeps(runs, orders, name, report)
     _require_same_channels(runs)
     parts = [(run, s) for run in runs for s in measured_segments(run)]
     fitting = [(run, s) for run, s in parts if s.rows and only in s.label and not s.held_out]
@@ -90,7 +93,7 @@ def identify_runs(
         found = _from_periods(periodic, parts, orders, name, equal_weights, report)
     else:
         found = (_from_spectra if too_long(fitting) else _from_records)(fitting, parts, orders, name, report)
-    return replace(found, remarks=remarks_on(runs))
+    return replace(found, remarks=(*remarks_on_records(runs), *found.remarks))
 
 
 def _missing(runs: Sequence[Run]) -> str:
@@ -103,31 +106,6 @@ def _orders(runs: Sequence[Run], modes: int | Sequence[int] | None) -> tuple[int
         return (modes,) if isinstance(modes, int) else tuple(modes)
     n_u = len(runs[0].names("input")) if runs else 1
     return tuple(n * max(n_u, 1) for n in ORDERS)
-
-
-def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str, report: Report) -> Identification:
-    """One axis per run: the modes of all axes side by side, without coupling."""
-    fits: dict[str, Fitted] = {}
-    inputs, outputs, curves = [], [], []
-    remarks: list[str] = []
-    for i, run in enumerate(runs):
-        report(i, len(runs), f"fitting {run.path.name}")
-        sweep = sweep_of(run)
-        if sweep.axis in fits:
-            raise DataError(f"{run.path} sweeps {sweep.axis}, as another log does; give one sweep per axis")
-        fits[sweep.axis], told = fit_sweep(sweep, run.sample_rate_hz, orders)
-        remarks += told
-        axis = [next(c.name for c in run.channels.values() if c.role == role and c.dof == sweep.axis) for role in ROLES]
-        curves.append(curve_of_sweep(sweep, *axis))
-        inputs += [c for c in run.channels.values() if c.role == "input" and c.dof == sweep.axis]
-        outputs += [c for c in run.channels.values() if c.role == "output" and c.dof == sweep.axis]
-    each = [[i] for i in range(len(fits))]
-    linear = side_by_side([fit.linear for fit in fits.values()], each, each)
-    std = side_by_side([fit.std for fit in fits.values()], each, each)
-    whole = Fitted(linear, std, sum(f.chi2 or 0.0 for f in fits.values()), sum(f.dof for f in fits.values()))
-    ports = ([Port(name=c.name, unit=c.unit, dof=c.dof) for c in some] for some in (inputs, outputs))
-    found = identification(whole, runs, *ports, method="stepped sine", name=name, response=tuple(curves))
-    return replace(found, remarks=tuple(remarks))
 
 
 def _from_periods(
@@ -152,21 +130,31 @@ def _from_periods(
         )
     report(0.8, 1.0, "giving up modes that are not there")
     fit, lines, variance, held = chosen.fit, chosen.lines, chosen.variance, chosen.intersample == "held"
-    fit = without_undetermined(
-        fit,
-        orders,
-        lambda n, first: fit_lines(lines, variance, data.rate_hz, (n,), first, delay=chosen.delay),
-    )
+
+    def again(n: int, first: ModalModel | None) -> RationalFit:
+        return fit_lines(lines, variance, data.rate_hz, (n,), first, delay=chosen.delay)
+
+    def errors(one: RationalFit) -> tuple[HeldOut, ...]:
+        late = one.model.with_(delay_s=one.model.delay_s + chosen.whole_s)
+        return tried(late, parts, data.rate_hz, intersample=chosen.intersample)
+
+    fit = with_pairs_merged(without_undetermined(fit, orders, again), orders, again, errors)
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
     if variance is not None and not _within_noise(fit) and _distorted(*ratios):
         # weights by the noise follow the quietest lines, although the residual there is not noise
         even = fit_lines(lines, None, data.rate_hz, (fit.model.n_blocks,), fit.model, delay=chosen.delay)
-        fit = replace(even, chi2=fit.chi2, dof=fit.dof)  # how far noise explains it is told by the other
+        # how far noise explains it is told by the other
+        fit = replace(even, chi2=fit.chi2, dof=fit.dof, dropped=fit.dropped)
     if chosen.whole_s.any():
         fit = replace(fit, model=fit.model.with_(delay_s=chosen.whole_s))
     fitted = Fitted(
-        fit.model, deviations(fit), None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means)
+        fit.model,
+        deviations(fit),
+        None if variance is None else fit.chi2,
+        fit.dof,
+        _rest(fit.model, *means),
+        fit.dropped,
     )
     if held and variance is not None and _within_noise(fit) and not _distorted(*ratios):
         report(0.9, 1.0, "fitting in time")
@@ -205,7 +193,8 @@ def _refined(
     fit = refined(fitted.linear, inputs, outputs, rate_hz, structure, fitted.offsets.mean(axis=0), late=late)
     if fit is None:
         return fitted
-    return Fitted(fit.model, deviations(fit), fitted.chi2, fitted.dof, np.array(fit.offsets))
+    dropped = (*fitted.dropped, *fit.dropped)
+    return Fitted(fit.model, deviations(fit), fitted.chi2, fitted.dof, np.array(fit.offsets), dropped)
 
 
 def _measured(data: Realisations) -> FrequencyResponse:
@@ -243,10 +232,15 @@ def _from_records(
     if choosing and not looped and max(s.rows for _, s in fitting) > MANY_ROWS:
         return _from_spectra(fitting, parts, orders, name, report)
     fit = fit_in_time(fitting, inputs, outputs, orders, looped, report)
+
+    def errors(one: TimeFit) -> tuple[HeldOut, ...]:
+        return tried(one.model, parts, rate, np.array(one.offsets).mean(axis=0))
+
+    fit = with_pairs_merged(fit, orders, partial(fitted_again, fit, inputs, outputs, rate, looped), errors)
     std = deviations(fit)
     offsets = np.array(fit.offsets)
     return identification(
-        Fitted(fit.model, std, fit.chi2, fit.dof, offsets),
+        Fitted(fit.model, std, fit.chi2, fit.dof, offsets, fit.dropped),
         _runs_of(parts),
         *_ports(parts[0][0]),
         method="free, in a loop" if known else "free",
@@ -272,9 +266,17 @@ def _from_spectra(
     lines = response_freed(measured, whole, rate)
     variance = pooled_variance(lines)
     fit = fit_lines(lines, variance, rate, orders, report=part_of(report, 0.5, 0.9))
-    fit = without_undetermined(fit, orders, lambda n, first: fit_lines(lines, variance, rate, (n,), first))
+
+    def again(n: int, first: ModalModel | None) -> RationalFit:
+        return fit_lines(lines, variance, rate, (n,), first)
+
+    def errors(one: RationalFit) -> tuple[HeldOut, ...]:
+        late = one.model.with_(delay_s=whole / rate)
+        return tried(late, parts, rate, _rest(late, u, y).mean(axis=0))
+
+    fit = with_pairs_merged(without_undetermined(fit, orders, again), orders, again, errors)
     fit = replace(fit, model=fit.model.with_(delay_s=whole / rate))
-    fitted = Fitted(fit.model, deviations(fit), fit.chi2, fit.dof, _rest(fit.model, u, y))
+    fitted = Fitted(fit.model, deviations(fit), fit.chi2, fit.dof, _rest(fit.model, u, y), fit.dropped)
     report(0.9, 1.0, "fitting in time")
     fitted = _refined(fitted, fitting, rate, Structure(), late=may_be_late(fitting[0][0]))
     return identification(

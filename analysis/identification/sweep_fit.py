@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.identification.determined import SIGNIFICANT
+from analysis.identification.determined import SIGNIFICANT, dropped_from
+from analysis.identification.dropped import UNDETERMINED
 from analysis.identification.identified import Fitted, deviations
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.rational import fit_rational
@@ -66,7 +67,7 @@ def fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> tuple[Fi
     model = best.model(rate_hz)
     std = deviations(best.fit)
     missed = np.abs(model.frequency_response(sweep.frequency_hz, rate_hz)[:, 0, 0] - sweep.response)
-    return Fitted(model, std, best.fit.chi2, best.fit.dof), _told(sweep, missed)
+    return Fitted(model, std, best.fit.chi2, best.fit.dof, dropped=best.fit.dropped), _told(sweep, missed)
 
 
 def _told(sweep: Sweep, missed: Array) -> tuple[str, ...]:
@@ -137,5 +138,6 @@ def _chosen(sweep: Sweep, rate_hz: float, orders: tuple[int, ...], structure: St
         # one of two real poles may be far off although the block is real; a mode of no width is the error of a line
         if structure.form == "general" and missed2(fewer) > CLEARER**2 * missed2(fit):
             break
-        fit = fewer
+        doubtful = int(np.argmin(fit.model.sigma_1_s / np.maximum(fit.sigma_std_1_s, np.finfo(float).tiny)))
+        fit = replace(fewer, dropped=(*fit.dropped, dropped_from(fit, doubtful, fewer, UNDETERMINED)))
     return _Try(fit, whole, missed2(fit))

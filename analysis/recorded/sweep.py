@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.measurements.sinefit import SineFit, fit_sines, joined, sine_response
 from analysis.measurements.thermal import SweepDifference, compare_sweeps
+from campaigns.facts import usable_segments
 from campaigns.log import LogSegment, Run
 from sim_backend.errors import DataError
 
@@ -60,14 +61,14 @@ def difference_of(first: Sweep, second: Sweep) -> SweepDifference:
 def sweep_of(run: Run) -> Sweep:
     """Return the response that a stepped sine measured, by sine fits of its steady state; section 6.2.2.
 
-    It is measured once for each open run, however many ask. Raises DataError when the run holds no sine of known
-    frequency, or lacks the axis.
+    It is measured once for each open run, however many ask. Steps at rest are left out. Raises DataError when the
+    run holds no sine of known frequency, lacks the axis, or a fact forbids to use it.
     """
     return run.once("sweep", _measured)
 
 
 def _measured(run: Run) -> Sweep:
-    parts = [s for s in run.segments if "frequency_hz" in s.settings and "measure_from" in s.settings]
+    parts = [s for s in usable_segments(run) if "frequency_hz" in s.settings and "measure_from" in s.settings]
     if not parts:
         raise DataError(
             f"{run.path} holds no stepped sine: it is a log of '{run.header.test}', give one of 'sinesweep'"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -71,7 +71,15 @@ def measured_segments(run: Run) -> list[LogSegment]:
     return found
 
 
-def remarks_on(runs: Sequence[Run]) -> tuple[str, ...]:
-    """Return what somebody who uses these logs has to know of them, without being asked."""
-    told = (f"{run.path.name}: {fact.told}" for run in runs for fact in facts_of(run) if fact.remark)
+def remarks_on(runs: Sequence[Run], channels: Collection[str] | None = None) -> tuple[str, ...]:
+    """Return what somebody who uses these logs has to know of them, without being asked.
+
+    With `channels` only what concerns these, or no channel in particular.
+    """
+    told = (
+        f"{run.path.name}: {fact.told}"
+        for run in runs
+        for fact in facts_of(run)
+        if fact.remark and (channels is None or not fact.channel or fact.channel in channels)
+    )
     return tuple(dict.fromkeys(told))
