@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.identification.determined import without_undetermined
 from analysis.identification.identified import Fitted, Identification, deviations, identification
+from analysis.identification.missed_response import remarks_on_misses
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.rational import fit_rational
 from analysis.identification.repeated_points import averaged
@@ -72,7 +73,9 @@ def identify_table(
     )
     unknown = np.full(f.size, np.nan)
     curve = ResponseCurve("output", "input", f, np.abs(response), np.angle(response), unknown, unknown)
-    return replace(found, response=(curve,), remarks=(*table.remarks, *found.remarks))
+    # the table is of no samples, and is compared without the hold that a simulation puts before the model
+    missed = remarks_on_misses((curve,), lambda _: fit.model.frequency_response(f)[:, 0, 0])
+    return replace(found, response=(curve,), remarks=(*table.remarks, *found.remarks, *missed))
 
 
 def _at_level(table: Table, keep: NDArray[np.bool_]) -> str:

@@ -28,6 +28,7 @@ from analysis.identification.identified import Fitted, HeldOut, Identification, 
 from analysis.identification.in_time import fit_in_time, fitted_again, in_a_loop, may_be_late
 from analysis.identification.line_fit import fit_lines, pooled_variance
 from analysis.identification.merged_pairs import with_pairs_merged
+from analysis.identification.missed_response import remarks_on_misses, response_of_model
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.realisations import Realisations, bring_to_one_level, realisations_of
 from analysis.identification.record_remarks import is_stepped_sine, remarks_on_records
@@ -93,7 +94,8 @@ def identify_runs(
         found = _from_periods(periodic, parts, orders, name, equal_weights, report)
     else:
         found = (_from_spectra if too_long(fitting) else _from_records)(fitting, parts, orders, name, report)
-    return replace(found, remarks=(*remarks_on_records(runs), *found.remarks))
+    missed = remarks_on_misses(found.response, response_of_model(found.model))
+    return replace(found, remarks=(*remarks_on_records(runs), *found.remarks, *missed))
 
 
 def _missing(runs: Sequence[Run]) -> str:
