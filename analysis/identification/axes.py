@@ -19,6 +19,7 @@ from analysis.identification.identified import Fitted, deviations, side_by_side
 from analysis.identification.in_time import fit_in_time, in_a_loop
 from analysis.identification.inverse_dynamics import Balance, balance_of
 from analysis.identification.pushed import pushed
+from analysis.identification.static_gain import static_gain_std
 from analysis.identification.timefit import TimeFit, fit_records
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of
@@ -186,9 +187,13 @@ def _together(axes: Sequence[_Axis], outputs: Sequence[Array]) -> Fitted:
     dropped = tuple(one for fit in fits for one in fit.dropped)
     if len(fits) < len(axes):
         return Fitted(linear, std, None, sum(y.size for y in outputs), dropped=dropped)
+    gain_std = np.zeros(linear.d.shape)
+    for axis, fit in zip(axes, fits, strict=True):
+        own = static_gain_std(fit)
+        gain_std[np.ix_(axis.readings, axis.drives)] = np.nan if own is None else own
     order = np.argsort([j for some in readings for j in some])
     offsets = np.array([np.concatenate(some)[order] for some in zip(*(fit.offsets for fit in fits), strict=True)])
-    return Fitted(linear, std, sum(fit.chi2 for fit in fits), sum(fit.dof for fit in fits), offsets, dropped)
+    return Fitted(linear, std, sum(fit.chi2 for fit in fits), sum(fit.dof for fit in fits), offsets, dropped, gain_std)
 
 
 def _own_first(own: int, n: int) -> list[int]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from analysis.identification.identified import Fitted, Identification, identification, side_by_side
 from analysis.identification.record_remarks import remarks_on_records
 from analysis.identification.response_curves import ResponseCurve, curve_of_sweep
@@ -13,6 +15,7 @@ from analysis.recorded.sweep import sweep_of
 from campaigns.log import ROLES, Channel, Run
 from campaigns.progress import Report
 from sim_backend.errors import DataError
+from sim_backend.linear import Array
 from sim_backend.model import Port
 
 
@@ -42,7 +45,13 @@ def identify_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str, rep
     std = side_by_side([fit.std for fit in fits.values()], each, each)
     dropped = tuple(one for fit in fits.values() for one in fit.dropped)
     chi2, dof = sum(f.chi2 or 0.0 for f in fits.values()), sum(f.dof for f in fits.values())
-    whole = Fitted(linear, std, chi2, dof, dropped=dropped)
+    whole = Fitted(linear, std, chi2, dof, dropped=dropped, gain_std=_beside([fit.gain_std for fit in fits.values()]))
     ports = ([Port(name=c.name, unit=c.unit, dof=c.dof) for c in some] for some in (inputs, outputs))
     found = identification(whole, runs, *ports, method="stepped sine", name=name, response=tuple(curves))
     return replace(found, remarks=(*remarks_on_records(runs), *found.remarks, *remarks))
+
+
+def _beside(parts: Sequence[Array | None]) -> Array | None:
+    """Return the deviations of gains (1, 1) of all axes as one matrix, without coupling."""
+    known = [part for part in parts if part is not None]
+    return np.diag(np.concatenate(known).ravel()) if len(known) == len(parts) else None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.identification.determined import without_undetermined
-from analysis.identification.identified import Fitted, Identification, deviations, identification
+from analysis.identification.identified import TABLE, Identification, fitted_by, identification
 from analysis.identification.missed_response import remarks_on_misses
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.rational import fit_rational
@@ -62,11 +62,11 @@ def identify_table(
     fit = _fitted(f, response, (modes,) if modes else ORDERS, report)
     output, input_ = table.units
     found = identification(
-        Fitted(fit.model, deviations(fit), None, fit.dof, dropped=fit.dropped),
+        fitted_by(fit, None, fit.dof),
         (),
         [Port(name="input", unit=input_, dof="x")],
         [Port(name="output", unit=output, dof="x")],
-        method="table of frequency response",
+        method=TABLE,
         name=name,
         rate_hz=rate_hz or OVER * float(f[-1]),
         source=f"fit to {path.name}",

@@ -24,7 +24,7 @@ from analysis.identification.between_samples import fit_between_samples, respons
 from analysis.identification.determined import without_undetermined
 from analysis.identification.from_sweeps import identify_sweeps
 from analysis.identification.held_out import channels_of, tried
-from analysis.identification.identified import Fitted, HeldOut, Identification, deviations, identification
+from analysis.identification.identified import Fitted, HeldOut, Identification, fitted_by, identification
 from analysis.identification.in_time import fit_in_time, fitted_again, in_a_loop, may_be_late
 from analysis.identification.line_fit import fit_lines, pooled_variance
 from analysis.identification.merged_pairs import with_pairs_merged
@@ -150,14 +150,7 @@ def _from_periods(
         fit = replace(even, chi2=fit.chi2, dof=fit.dof, dropped=fit.dropped)
     if chosen.whole_s.any():
         fit = replace(fit, model=fit.model.with_(delay_s=chosen.whole_s))
-    fitted = Fitted(
-        fit.model,
-        deviations(fit),
-        None if variance is None else fit.chi2,
-        fit.dof,
-        _rest(fit.model, *means),
-        fit.dropped,
-    )
+    fitted = fitted_by(fit, None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means))
     if held and variance is not None and _within_noise(fit) and not _distorted(*ratios):
         report(0.9, 1.0, "fitting in time")
         fitted = _refined(fitted, parts, data.rate_hz, Structure(delay=chosen.delay), late=False)
@@ -195,8 +188,7 @@ def _refined(
     fit = refined(fitted.linear, inputs, outputs, rate_hz, structure, fitted.offsets.mean(axis=0), late=late)
     if fit is None:
         return fitted
-    dropped = (*fitted.dropped, *fit.dropped)
-    return Fitted(fit.model, deviations(fit), fitted.chi2, fitted.dof, np.array(fit.offsets), dropped)
+    return fitted_by(fit, fitted.chi2, fitted.dof, np.array(fit.offsets), fitted.dropped)
 
 
 def _measured(data: Realisations) -> FrequencyResponse:
@@ -239,10 +231,9 @@ def _from_records(
         return tried(one.model, parts, rate, np.array(one.offsets).mean(axis=0))
 
     fit = with_pairs_merged(fit, orders, partial(fitted_again, fit, inputs, outputs, rate, looped), errors)
-    std = deviations(fit)
     offsets = np.array(fit.offsets)
     return identification(
-        Fitted(fit.model, std, fit.chi2, fit.dof, offsets, fit.dropped),
+        fitted_by(fit, fit.chi2, fit.dof, offsets),
         _runs_of(parts),
         *_ports(parts[0][0]),
         method="free, in a loop" if known else "free",
@@ -278,7 +269,7 @@ def _from_spectra(
 
     fit = with_pairs_merged(without_undetermined(fit, orders, again), orders, again, errors)
     fit = replace(fit, model=fit.model.with_(delay_s=whole / rate))
-    fitted = Fitted(fit.model, deviations(fit), fit.chi2, fit.dof, _rest(fit.model, u, y), fit.dropped)
+    fitted = fitted_by(fit, fit.chi2, fit.dof, _rest(fit.model, u, y))
     report(0.9, 1.0, "fitting in time")
     fitted = _refined(fitted, fitting, rate, Structure(), late=may_be_late(fitting[0][0]))
     return identification(

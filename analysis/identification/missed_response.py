@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from analysis.frequency.frf import smoothed
 from analysis.identification.line_fit import POOLED_LINES
+from analysis.identification.modelled_response import response_of
 from analysis.identification.response_curves import ResponseCurve
-from sim_backend.intersample import hold_response
 from sim_backend.linear import Array, ComplexArray
 from sim_backend.model import Model
 
@@ -65,14 +65,10 @@ def remarks_on_misses(
 
 def response_of_model(model: Model) -> Callable[[ResponseCurve], ComplexArray]:
     """Return the response of a model at the lines of a curve, between samples as it is simulated."""
-    linear = model.linear()
     inputs, outputs = ([port.name for port in ports] for ports in (model.inputs, model.outputs))
 
     def modelled(curve: ResponseCurve) -> ComplexArray:
-        f = curve.frequency_hz
-        response = linear.frequency_response(f, model.sample_rate_hz)
-        entry = response[:, outputs.index(curve.output), inputs.index(curve.input)]
-        return entry / hold_response(f / model.sample_rate_hz) if model.intersample == "band-limited" else entry
+        return response_of(model, curve.frequency_hz)[:, outputs.index(curve.output), inputs.index(curve.input)]
 
     return modelled
 

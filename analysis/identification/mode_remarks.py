@@ -60,7 +60,8 @@ def _in_one_place(model: ModalModel) -> Iterator[str]:
 def _given_up(model: ModalModel, dropped: Sequence[Dropped]) -> Iterator[str]:
     told = [one for one in dropped if one.why == MERGED or not _found_again(model, one)]
     for why in dict.fromkeys(one.why for one in told):
-        some = [_numbers(one) for one in told if one.why == why]
+        # one that comes back in the next fit and is given up again is told once
+        some = list({f"{one.frequency_hz:.4g}": _numbers(one) for one in told if one.why == why}.values())
         yield f"{len(some)} mode{'s were' if len(some) > 1 else ' was'} given up, {why}: {', '.join(some)}"
 
 

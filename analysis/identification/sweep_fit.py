@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.identification.determined import SIGNIFICANT, dropped_from
 from analysis.identification.dropped import UNDETERMINED
-from analysis.identification.identified import Fitted, deviations
+from analysis.identification.identified import Fitted, fitted_by
 from analysis.identification.missed_response import worst_miss
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.rational import fit_rational
@@ -63,9 +63,9 @@ def fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> tuple[Fi
         # the first, which are the simplest, of those that are about as near as any
         best = next(one for one in forms if one.relative2 <= CLEARER**2 * least2)
     model = best.model(rate_hz)
-    std = deviations(best.fit)
     modelled = model.frequency_response(sweep.frequency_hz, rate_hz)[:, 0, 0]
-    return Fitted(model, std, best.fit.chi2, best.fit.dof, dropped=best.fit.dropped), _told(sweep, modelled)
+    fitted = fitted_by(best.fit, best.fit.chi2, best.fit.dof)
+    return replace(fitted, linear=model), _told(sweep, modelled)
 
 
 def _told(sweep: Sweep, modelled: ComplexArray) -> tuple[str, ...]:

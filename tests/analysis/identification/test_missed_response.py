@@ -80,12 +80,12 @@ def test_tables(tmp_path, noise):
 def test_what_the_noise_hides_is_no_miss():
     """An antiresonance far below additive noise: the model differs there by more than the response, and rightly."""
     f = np.arange(1.0, 101.0)
-    model = (f - 50.5) / 50.0 + 0j
+    model = np.asarray((f - 50.5) / 50.0, dtype=np.complex128)
     rng = np.random.default_rng(8)
     noise = 0.05 * (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size))
     variance = np.full(f.size, 2.0 * 0.05**2)
-    assert worst_miss(f, model + noise, model, variance) is None
-    off = model + noise
+    off = np.asarray(model + noise, dtype=np.complex128)
+    assert worst_miss(f, off, model, variance) is None
     off[20] += 1.0
     found = worst_miss(f, off, model, variance)
     assert found is not None and found.frequency_hz == f[20]
