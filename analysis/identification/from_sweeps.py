@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from analysis.identification.growing_poles import remarks_on_growth
 from analysis.identification.identified import Fitted, Identification, identification, side_by_side
 from analysis.identification.record_remarks import remarks_on_records
 from analysis.identification.response_curves import ResponseCurve, curve_of_sweep
@@ -48,7 +49,8 @@ def identify_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str, rep
     whole = Fitted(linear, std, chi2, dof, dropped=dropped, gain_std=_beside([fit.gain_std for fit in fits.values()]))
     ports = ([Port(name=c.name, unit=c.unit, dof=c.dof) for c in some] for some in (inputs, outputs))
     found = identification(whole, runs, *ports, method="stepped sine", name=name, response=tuple(curves))
-    return replace(found, remarks=(*remarks_on_records(runs), *found.remarks, *remarks))
+    grows = remarks_on_growth(found.model, curves)
+    return replace(found, remarks=(*remarks_on_records(runs), *grows, *found.remarks, *remarks))
 
 
 def _beside(parts: Sequence[Array | None]) -> Array | None:

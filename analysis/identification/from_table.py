@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.identification.determined import without_undetermined
+from analysis.identification.growing_poles import remarks_on_growth
 from analysis.identification.identified import TABLE, Identification, fitted_by, identification
 from analysis.identification.missed_response import remarks_on_misses
 from analysis.identification.modal_parameters import Structure
@@ -75,7 +76,8 @@ def identify_table(
     curve = ResponseCurve("output", "input", f, np.abs(response), np.angle(response), unknown, unknown)
     # the table is of no samples, and is compared without the hold that a simulation puts before the model
     missed = remarks_on_misses((curve,), lambda _: fit.model.frequency_response(f)[:, 0, 0])
-    return replace(found, response=(curve,), remarks=(*table.remarks, *found.remarks, *missed))
+    grows = remarks_on_growth(found.model, (curve,), continuous=True)
+    return replace(found, response=(curve,), remarks=(*table.remarks, *grows, *found.remarks, *missed))
 
 
 def _at_level(table: Table, keep: NDArray[np.bool_]) -> str:

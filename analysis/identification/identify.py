@@ -23,6 +23,7 @@ from analysis.identification.axes import Axes, fit_axes
 from analysis.identification.between_samples import fit_between_samples, response_freed
 from analysis.identification.determined import without_undetermined
 from analysis.identification.from_sweeps import identify_sweeps
+from analysis.identification.growing_poles import curves_in_a_loop, remarks_on_growth
 from analysis.identification.held_out import channels_of, tried
 from analysis.identification.identified import Fitted, HeldOut, Identification, fitted_by, identification
 from analysis.identification.in_time import fit_in_time, fitted_again, in_a_loop, may_be_late
@@ -95,7 +96,9 @@ def identify_runs(
     else:
         found = (_from_spectra if too_long(fitting) else _from_records)(fitting, parts, orders, name, report)
     missed = remarks_on_misses(found.response, response_of_model(found.model))
-    return replace(found, remarks=(*remarks_on_records(runs), *found.remarks, *missed))
+    measured = found.response or tuple(curves_in_a_loop(fitting))
+    grows = remarks_on_growth(found.model, measured)
+    return replace(found, remarks=(*remarks_on_records(runs), *grows, *found.remarks, *missed))
 
 
 def _missing(runs: Sequence[Run]) -> str:
