@@ -61,7 +61,9 @@ def growing_pole(
     """
     kept = (frequency_hz > 0.0) & (std < HEARD * np.abs(response))
     f, g, weight = frequency_hz[kept], response[kept], 1.0 / std[kept]
-    if f.size < LEAST_LINES:
+    own = float(np.sum(np.abs(weight * (modelled[kept] - g)) ** 2))
+    # of complex noise each line adds two: what the model explains needs no other poles
+    if f.size < LEAST_LINES or own <= LEAVES * 2.0 * f.size:
         return None
     best: tuple[float, float, PoleResidues] | None = None
     for count in range(2, 2 * min(blocks + 1, (f.size - 1) // 8) + 1, 2):
@@ -79,7 +81,6 @@ def growing_pole(
     if best is None:
         return None
     _, clearer, free = best
-    own = float(np.sum(np.abs(weight * (modelled[kept] - g)) ** 2))
     clearer = min(clearer, own / max(_cost(free, f, g, weight, hold_rate_hz), _NOTHING))
     inside = (free.poles.real > 0.0) & (free.poles.imag >= 0.0) & (np.abs(free.poles) < 2.0 * np.pi * f[-1])
     if not inside.any() or not clearer > LEAVES:
