@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from analysis.identification.growing_poles import remarks_on_growth
 from analysis.identification.identified import Fitted, Identification, identification, side_by_side
-from analysis.identification.record_remarks import remarks_on_records
+from analysis.identification.record_remarks import remarks_on_records, untold
 from analysis.identification.response_curves import ResponseCurve, curve_of_sweep
 from analysis.identification.sweep_fit import fit_sweep
 from analysis.recorded.sweep import sweep_of
@@ -20,7 +20,13 @@ from sim_backend.linear import Array
 from sim_backend.model import Port
 
 
-def identify_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str, report: Report) -> Identification:
+def identify_sweeps(
+    runs: Sequence[Run],
+    orders: tuple[int, ...],
+    name: str,
+    report: Report,
+    tell: Callable[[str], None] = untold,
+) -> Identification:
     """Return one model of all axes, one per run: their modes side by side, without coupling.
 
     Raises DataError for a log that a fact forbids to use, and for two logs of one axis.
@@ -30,6 +36,9 @@ def identify_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str, rep
     outputs: list[Channel] = []
     curves: list[ResponseCurve] = []
     remarks: list[str] = []
+    known = remarks_on_records(runs)
+    for remark in known:
+        tell(remark)
     for i, run in enumerate(runs):
         report(i, len(runs), f"fitting {run.path.name}")
         sweep = sweep_of(run)
@@ -50,7 +59,7 @@ def identify_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str, rep
     ports = ([Port(name=c.name, unit=c.unit, dof=c.dof) for c in some] for some in (inputs, outputs))
     found = identification(whole, runs, *ports, method="stepped sine", name=name, response=tuple(curves))
     grows = remarks_on_growth(found.model, curves)
-    return replace(found, remarks=(*remarks_on_records(runs), *grows, *found.remarks, *remarks))
+    return replace(found, remarks=(*known, *grows, *found.remarks, *remarks))
 
 
 def _beside(parts: Sequence[Array | None]) -> Array | None:

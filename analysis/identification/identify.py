@@ -10,7 +10,7 @@ Segments with "held-out" in their label take no part; the model is tried on them
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -32,7 +32,7 @@ from analysis.identification.merged_pairs import with_pairs_merged
 from analysis.identification.missed_response import remarks_on_misses, response_of_model
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.realisations import Realisations, bring_to_one_level, realisations_of
-from analysis.identification.record_remarks import is_stepped_sine, remarks_on_records
+from analysis.identification.record_remarks import is_stepped_sine, remarks_on_records, untold
 from analysis.identification.refined import refined
 from analysis.identification.response_curves import curves_of_periods
 from analysis.identification.response_fit import RationalFit
@@ -68,19 +68,21 @@ def identify_runs(
     equal_weights: bool = False,
     name: str = "identified",
     report: Report = unheard,
+    tell: Callable[[str], None] = untold,
 ) -> Identification:
     """Return the linear model that explains `runs` best; all must have the same inputs and outputs, or be sweeps.
 
     `modes` is the number of modes or several to choose from (per axis for sweeps); `only` fits the segments whose
     label contains it. `equal_weights` fits periodic data for the least rms error instead of weighing each line by its
-    noise: better when the misfit is nonlinear distortion, not noise. Raises DataError for runs that differ or hold
+    noise: better when the misfit is nonlinear distortion, not noise. `tell` hears the remarks on the records before
+    anything is fitted. Raises DataError for runs that differ or hold
     nothing to fit.
     """
     orders = _orders(runs, modes)
     if not runs:
         raise DataError("identify: no run is given; give one log at least")
     if all(is_stepped_sine(run) for run in runs):
-        return identify_sweeps(runs, orders, name, report)
+        return identify_sweeps(runs, orders, name, report, tell)
     _require_same_channels(runs)
     parts = [(run, s) for run in runs for s in measured_segments(run)]
     fitting = [(run, s) for run, s in parts if s.rows and only in s.label and not s.held_out]
@@ -89,6 +91,9 @@ def identify_runs(
             f"{runs[0].path}: no segment remains to fit; give segments that are not held-out, match --only, move, and "
             f"are not cut off by their sensor every few samples{_missing(runs)}"
         )
+    told = remarks_on_records(runs)
+    for remark in told:
+        tell(remark)
     # what is averaged over periods is a ratio of two that hold the same noise, where inputs answer the outputs
     periodic = None if _in_a_known_loop(fitting) else realisations_of(fitting)
     if periodic is not None:
@@ -98,7 +103,7 @@ def identify_runs(
     missed = remarks_on_misses(found.response, response_of_model(found.model))
     measured = found.response or tuple(curves_in_a_loop(fitting))
     grows = remarks_on_growth(found.model, measured)
-    return replace(found, remarks=(*remarks_on_records(runs), *grows, *found.remarks, *missed))
+    return replace(found, remarks=(*told, *grows, *found.remarks, *missed))
 
 
 def _missing(runs: Sequence[Run]) -> str:

@@ -163,12 +163,9 @@ def _from_table(file: Path, **settings: Any) -> Identification:
 
 def _from_logs(runs: Sequence[Run], **settings: Any) -> Identification:
     from analysis.identification.identify import identify_runs
-    from analysis.identification.record_remarks import remarks_on_records
 
-    for remark in remarks_on_records(runs):
-        say(f"remark: {remark}")
     with progress("identifying") as report:
-        return identify_runs(runs, **settings, report=report)
+        return identify_runs(runs, **settings, report=report, tell=lambda remark: say(f"remark: {remark}"))
 
 
 def _swept(

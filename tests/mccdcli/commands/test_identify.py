@@ -35,7 +35,7 @@ def test_a_segment_at_rest_is_named_before_the_fit(tmp_path, monkeypatch, capsys
     def fails(*_: object, **__: object) -> None:
         raise DataError("the fit has begun")
 
-    monkeypatch.setattr(identify, "identify_runs", fails)
+    monkeypatch.setattr(identify, "_from_records", fails)
     assert main(["identify", "--log", str(path), "-o", str(tmp_path / "m.toml")]) != 0
     said = capsys.readouterr().err
     assert 'in all of "still"' in said and "the segment is left out" in said
