@@ -67,7 +67,7 @@ class Identification:
 
     def plot(self) -> Figure:
         """Return the Bode diagram: what was measured and the model."""
-        return bode(self.found.model, self._curves)
+        return bode(self.found.model, self._curves, continuous=self.found.of_a_table)
 
     def __repr__(self) -> str:
         return f"<Identification of {self.model!r} by {self.found.method}>"

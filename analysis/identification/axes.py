@@ -19,6 +19,7 @@ from analysis.identification.identified import Fitted, deviations, side_by_side
 from analysis.identification.in_time import fit_in_time, in_a_loop
 from analysis.identification.inverse_dynamics import Balance, balance_of
 from analysis.identification.pushed import pushed
+from analysis.identification.static_gain import static_gain_std
 from analysis.identification.timefit import TimeFit, fit_records
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of
@@ -173,6 +174,7 @@ def _coupled(axis: _Axis, inputs: Sequence[Array], y: Sequence[Array], rate_hz: 
     if fit.structure.form == "mechanical":  # what other drives do had hidden when the readings are taken
         general = fitted(drives, "general", more.model)
         more = min((more, general) if lags_for_certain(general) else (more,), key=lambda one: one.criterion)
+    more = replace(more, dropped=fit.dropped)
     delay = np.where(np.array(drives) == own, axis.std.delay_s[0], 0.0)
     return _Axis(drives, axis.readings, more.model, deviations(more).with_(delay_s=delay), more, None)
 
@@ -182,11 +184,16 @@ def _together(axes: Sequence[_Axis], outputs: Sequence[Array]) -> Fitted:
     drives, readings = [axis.drives for axis in axes], [axis.readings for axis in axes]
     linear, std = (side_by_side([getattr(axis, key) for axis in axes], drives, readings) for key in ("linear", "std"))
     fits = [axis.fit for axis in axes if axis.fit is not None]
+    dropped = tuple(one for fit in fits for one in fit.dropped)
     if len(fits) < len(axes):
-        return Fitted(linear, std, None, sum(y.size for y in outputs))
+        return Fitted(linear, std, None, sum(y.size for y in outputs), dropped=dropped)
+    gain_std = np.zeros(linear.d.shape)
+    for axis, fit in zip(axes, fits, strict=True):
+        own = static_gain_std(fit)
+        gain_std[np.ix_(axis.readings, axis.drives)] = np.nan if own is None else own
     order = np.argsort([j for some in readings for j in some])
     offsets = np.array([np.concatenate(some)[order] for some in zip(*(fit.offsets for fit in fits), strict=True)])
-    return Fitted(linear, std, sum(fit.chi2 for fit in fits), sum(fit.dof for fit in fits), offsets)
+    return Fitted(linear, std, sum(fit.chi2 for fit in fits), sum(fit.dof for fit in fits), offsets, dropped, gain_std)
 
 
 def _own_first(own: int, n: int) -> list[int]:

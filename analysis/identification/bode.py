@@ -11,6 +11,7 @@ import numpy as np
 from analysis.frequency.frf import frequency_response_periodic
 from analysis.frequency.frf_records import frequency_response_welch
 from analysis.identification.identified import Identification
+from analysis.identification.modelled_response import frequencies_of, response_of
 from analysis.identification.realisations import realisations_of
 from analysis.identification.response_curves import ResponseCurve, curve_of_sweep, curves_of_periods
 from analysis.recorded.sweep import sweep_of
@@ -19,7 +20,6 @@ from campaigns.log import ROLES, LogSegment, Run
 from campaigns.log.plot import write_picture
 from sim_backend.axis_names import with_axes
 from sim_backend.errors import DataError
-from sim_backend.intersample import hold_response
 from sim_backend.model import Model
 
 if TYPE_CHECKING:
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 PIECES = 8
 """Half-overlapping pieces into which a record that is fitted in time is cut for its picture."""
-
-POINTS = 800
 
 
 def measured_curves(found: Identification, runs: Sequence[Run]) -> tuple[ResponseCurve, ...]:
@@ -84,25 +82,20 @@ def _only(curve: ResponseCurve, keep: np.ndarray) -> ResponseCurve:
     return ResponseCurve(curve.output, curve.input, *(values[keep] for values in arrays))
 
 
-def bode(model: Model, curves: Sequence[ResponseCurve]) -> Figure:
-    """Return a figure with magnitude and phase of every entry of a model: dots measured, line modelled."""
+def bode(model: Model, curves: Sequence[ResponseCurve], *, continuous: bool = False) -> Figure:
+    """Return a figure with magnitude and phase of every entry of a model: dots measured, line modelled.
+
+    The model's response is that to a `continuous` input where the curves are, as those of a table.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    linear = model.linear()
-    rate_hz = model.sample_rate_hz
     inputs, outputs = [p.name for p in model.inputs], [p.name for p in model.outputs]
     figure = Figure(figsize=(4.5 * len(inputs) + 0.6, 4.2 * len(outputs)), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.subplots(2 * len(outputs), len(inputs), sharex=True, squeeze=False)
-    own = [0.1 * omega / (2.0 * np.pi) for omega in linear.omega_rad_s.tolist() if omega > 0.0]
-    alone = np.array([*own, 0.5 * rate_hz])  # of a model by itself, from below its lowest mode
-    frequency = np.concatenate([curve.frequency_hz for curve in curves]) if curves else alone
-    low = max(float(frequency[frequency > 0.0].min(initial=np.inf)), 1e-4 * rate_hz)
-    f = np.geomspace(min(low, 0.1 * rate_hz), min(max(float(frequency.max()), 2.0 * low), 0.499 * rate_hz), POINTS)
-    response = linear.frequency_response(f, rate_hz)
-    if model.intersample == "band-limited":
-        response = response / hold_response(f / rate_hz)[:, None, None]
+    f = frequencies_of(model, curves)
+    response = response_of(model, f, continuous=continuous)
     units = {p.name: p.unit for p in (*model.inputs, *model.outputs)}
     for k, output in enumerate(outputs):
         for j, input_ in enumerate(inputs):
@@ -130,4 +123,4 @@ def bode(model: Model, curves: Sequence[ResponseCurve]) -> Figure:
 
 def save_bode(found: Identification, runs: Sequence[Run], path: Path) -> None:
     """Write the Bode picture; `campaigns.log.plot.require_picture` tells beforehand whether it can be."""
-    write_picture(bode(found.model, measured_curves(found, runs)), path)
+    write_picture(bode(found.model, measured_curves(found, runs), continuous=found.of_a_table), path)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
 from typing import TypeVar
 
 import numpy as np
 
+from analysis.identification.dropped import UNDETERMINED, Dropped
+from analysis.identification.modal_parameters import participation
 from analysis.identification.response_fit import RationalFit
 from analysis.identification.timefit import TimeFit
-from sim_backend.linear import Array, ModalModel
+from sim_backend.linear import Array, ComplexArray, ModalModel
 
 _AnyFit = TypeVar("_AnyFit", TimeFit, RationalFit)
 
@@ -20,6 +24,10 @@ SIGNIFICANT = 3.0
 LEAVES = 2.0
 """Growth of the residual power up to which a mode is given up: of the noise-like errors of a nonlinear bench, one mode
 never explains half."""
+
+
+ALIKE = 0.5
+"""Cosine between the residues of two modes in one place from which on they may be one: of two axes it is near zero."""
 
 
 def determinedness(fit: TimeFit | RationalFit) -> Array:
@@ -86,19 +94,65 @@ def without_undetermined(
     number had found, because its method puts a pole where nothing was played. The one with fewer undetermined modes
     counts, of equal ones the better: a spurious mode may gain more than a real one, and would be the next to be given
     up. `measure` returns by how many standard deviations each block is known (m,). Without `anew` every fit starts from
-    the last one alone.
+    the last one alone. What was given up is added to the `dropped` of the fit.
     """
+    dropped = list(fit.dropped)
 
     def worth(one: _AnyFit) -> tuple[int, float]:
         return int(np.sum(measure(one) < SIGNIFICANT)), one.criterion
 
     while fit.model.n_blocks > orders[0] and np.min(known := measure(fit)) < SIGNIFICANT:
-        rest = fit.model.only(np.arange(known.size) != int(np.argmin(known)))
+        i = int(np.argmin(known))
+        rest = fit.model.only(np.arange(known.size) != i)
         fewer = min((again(rest.n_blocks, start) for start in ([None, rest] if anew else [rest])), key=worth)
         if _needed(fit, fewer):
             break
+        dropped.append(dropped_from(fit, i, fewer, UNDETERMINED))
         fit = fewer
-    return fit
+    return replace(fit, dropped=tuple(dropped))
+
+
+def dropped_from(fit: _AnyFit, i: int, fewer: _AnyFit | None, why: str) -> Dropped:
+    """Return what is to be told of block `i` of a fit, which is not in `fewer` (None: what it explained is unknown)."""
+    per_hz = 1.0 / (2.0 * np.pi)
+    return Dropped(
+        float(fit.model.omega_rad_s[i] * per_hz),
+        float(fit.omega_std_rad_s[i] * per_hz),
+        float(fit.model.sigma_1_s[i]),
+        float(fit.sigma_std_1_s[i]),
+        None if fewer is None else max(1.0 - _residual_ratio(fit, fewer), 0.0),
+        why,
+    )
+
+
+def _residual_ratio(fit: _AnyFit, fewer: _AnyFit) -> float:
+    """Return the power of the residual of a fit over that of one with fewer modes; in time that of the innovation."""
+    if isinstance(fit, TimeFit) and isinstance(fewer, TimeFit):
+        return float(np.mean((fit.noise_std / fewer.noise_std) ** 2))
+    return fit.chi2 / fewer.chi2 if fewer.chi2 > 0.0 else 1.0
+
+
+def same_place(model: ModalModel) -> list[tuple[int, int]]:
+    """Return the pairs of swinging blocks that are closer than their widths and act alike, the closest first.
+
+    Modes of two axes may have one frequency: they act on different outputs, or from different inputs, and each is
+    needed.
+    """
+    omega, sigma = model.omega_rad_s, model.sigma_1_s
+    residues = residues_of(model)
+    found = []
+    for i, j in combinations(np.flatnonzero((omega > 0.0) & (sigma < omega)).tolist(), 2):
+        apart = abs(omega[i] - omega[j]) / (sigma[i] + sigma[j])
+        sizes = np.linalg.norm(residues[i]) * np.linalg.norm(residues[j])
+        if apart < 1.0 and abs(np.vdot(residues[i], residues[j])) > ALIKE * sizes:
+            found.append((float(apart), i, j))
+    return [(i, j) for _, i, j in sorted(found)]
+
+
+def residues_of(model: ModalModel) -> ComplexArray:
+    """Return how each block enters each entry at its own frequency, N0 + i omega N1, shape (m, n_y, n_u)."""
+    part = participation(model)
+    return np.asarray(part.n0 + 1j * model.omega_rad_s[:, None, None] * part.n1)
 
 
 def _needed(fit: _AnyFit, fewer: _AnyFit) -> bool:

@@ -46,6 +46,7 @@ def fit_free_axis(
     told = part_of(report, 0.0, 0.7)
     first = fit_records(inputs, outputs, rate, orders, structure=_MECHANICAL, rigid_bodies=None, report=told)
     fit = without_undetermined(first, orders, lambda n, start: fitted(_MECHANICAL, n, start), swinging)
+    dropped = fit.dropped
     report(0.7, 1.0, "fitting when the readings are taken")
     fits = [fit]
     for start in _starts(first, fit, orders[0]):
@@ -63,6 +64,7 @@ def fit_free_axis(
         if more.criterion >= fit.criterion or np.min(swinging(more)) < SIGNIFICANT:
             break
         fit = more
+    fit = replace(fit, dropped=dropped)
     if not may_be_late(fitting[0][0]):
         return fit
     report(0.9, 1.0, "fitting a delay")

@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.identification.determined import without_undetermined
-from analysis.identification.identified import Fitted, Identification, deviations, identification
+from analysis.identification.growing_poles import remarks_on_growth
+from analysis.identification.identified import TABLE, Identification, fitted_by, identification
+from analysis.identification.missed_response import remarks_on_misses
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.rational import fit_rational
+from analysis.identification.repeated_points import averaged
 from analysis.identification.response_curves import ResponseCurve
 from analysis.identification.response_fit import RationalFit
-from analysis.identification.response_table import read_table
+from analysis.identification.response_table import Table, read_table
 from campaigns.progress import Report, unheard
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.model import Port
@@ -44,7 +47,7 @@ def identify_table(
     Every point is weighed by its size, and the model's residual is its uncertainty. Raises ConfigError for a level that
     the table does not have, DataError as `read_table`.
     """
-    table = read_table(path)
+    table = averaged(read_table(path), path).table
     keep = np.ones(table.frequency_hz.size, dtype=bool)
     if table.level is not None:
         wanted = float(np.min(table.level)) if level is None else level
@@ -52,27 +55,35 @@ def identify_table(
         if not keep.any():
             there = ", ".join(f"{one:g}" for one in np.unique(table.level)[:10])
             raise ConfigError(f"{path} has no level {level:g}: it has {there}")
-    f, first = np.unique(table.frequency_hz[keep], return_index=True)
-    response = table.response[keep][first]
+    f, response = table.frequency_hz[keep], table.response[keep]
     if rate_hz is not None and rate_hz < 2.0 * f[-1]:
         raise ConfigError(f"rate is {rate_hz:g} Hz, the table ends at {f[-1]:g} Hz: give more than twice that")
     if f.size < 8:
-        raise DataError(f"{path} has {f.size} lines at this level; eight are needed for one mode")
+        raise DataError(f"{path} has {f.size} lines at {_at_level(table, keep)}; eight are needed for one mode")
     fit = _fitted(f, response, (modes,) if modes else ORDERS, report)
     output, input_ = table.units
     found = identification(
-        Fitted(fit.model, deviations(fit), None, fit.dof),
+        fitted_by(fit, None, fit.dof),
         (),
         [Port(name="input", unit=input_, dof="x")],
         [Port(name="output", unit=output, dof="x")],
-        method="table of frequency response",
+        method=TABLE,
         name=name,
         rate_hz=rate_hz or OVER * float(f[-1]),
         source=f"fit to {path.name}",
     )
     unknown = np.full(f.size, np.nan)
     curve = ResponseCurve("output", "input", f, np.abs(response), np.angle(response), unknown, unknown)
-    return replace(found, response=(curve,), remarks=table.remarks)
+    # the table is of no samples, and is compared without the hold that a simulation puts before the model
+    missed = remarks_on_misses((curve,), lambda _: fit.model.frequency_response(f)[:, 0, 0])
+    grows = remarks_on_growth(found.model, (curve,), continuous=True)
+    return replace(found, response=(curve,), remarks=(*table.remarks, *grows, *found.remarks, *missed))
+
+
+def _at_level(table: Table, keep: NDArray[np.bool_]) -> str:
+    if table.level is None:
+        return "its only level"
+    return f"the level {table.level[keep][0]:g} of {np.unique(table.level).size}"
 
 
 def _fitted(f: Array, response: ComplexArray, orders: tuple[int, ...], report: Report) -> RationalFit:

@@ -9,14 +9,22 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.identification.dropped import Dropped
+from analysis.identification.mode_axes import axes_of_modes
+from analysis.identification.mode_remarks import remarks_on_modes
 from analysis.identification.response_curves import ResponseCurve
 from analysis.identification.response_fit import RationalFit
+from analysis.identification.static_gain import StaticGain, static_gain, static_gain_std
 from analysis.identification.timefit import TimeFit
 from campaigns.log import Run
 from sim_backend.linear import ModalModel
 from sim_backend.model import EffectEntry, Intersample, Model, Port, Quantity, from_linear
 
 Array = NDArray[np.float64]
+
+
+TABLE = "table of frequency response"
+"""The method of what was fitted to no record."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +44,8 @@ class Identification:
     `chi2_per_dof` is near 1 when noise explains the misfit, and None where all lines were weighed alike. `noise` and
     `distortion` are relative to the output (rms), where the excitation determines them. `held_out` may be empty.
     `response` is what was measured by frequency, before any model; empty for a record that is fitted in time. `remarks`
-    say what of the records was left out or is uncertain.
+    say what of the records was left out or is uncertain. `gains` are empty where a rigid body has none; `axes` has
+    those of each of the `modes`.
     """
 
     model: Model
@@ -48,13 +57,21 @@ class Identification:
     held_out: tuple[HeldOut, ...]
     response: tuple[ResponseCurve, ...] = ()
     remarks: tuple[str, ...] = ()
+    gains: tuple[StaticGain, ...] = ()
+    axes: tuple[str, ...] = ()
+
+    @property
+    def of_a_table(self) -> bool:
+        """Whether it was fitted to a table, whose response is that of a continuous input, with no hold before it."""
+        return self.method == TABLE
 
 
 @dataclass(frozen=True)
 class Fitted:
     """A linear model between named channels, its standard deviations in the same shapes, and the quality of the fit.
 
-    `offsets` (records, n_y) is what each output reads where the model is at rest, one row per record.
+    `offsets` (records, n_y) is what each output reads where the model is at rest, one row per record; `dropped` are the
+    modes that were given up, `gain_std` (n_y, n_u) the deviations of the static gain, where they are known.
     """
 
     linear: ModalModel
@@ -62,6 +79,8 @@ class Fitted:
     chi2: float | None
     dof: int
     offsets: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    dropped: tuple[Dropped, ...] = ()
+    gain_std: Array | None = None
 
 
 def deviations(fit: TimeFit | RationalFit) -> ModalModel:
@@ -70,6 +89,18 @@ def deviations(fit: TimeFit | RationalFit) -> ModalModel:
     names = ("b", "b_direct", "c", "c_rate", "d", "delay_s")
     arrays = {key: spread[fit.layout.index(key)] for key in names}
     return ModalModel(omega_rad_s=fit.omega_std_rad_s, sigma_1_s=fit.sigma_std_1_s, **arrays)
+
+
+def fitted_by(
+    fit: TimeFit | RationalFit,
+    chi2: float | None,
+    dof: int,
+    offsets: Array | None = None,
+    before: tuple[Dropped, ...] = (),
+) -> Fitted:
+    """Return what a fit found, its misfit as given; `before` it other modes had been given up."""
+    rest = np.zeros((0, 0)) if offsets is None else offsets
+    return Fitted(fit.model, deviations(fit), chi2, dof, rest, (*before, *fit.dropped), static_gain_std(fit))
 
 
 def side_by_side(
@@ -136,18 +167,50 @@ def identification(
     model = msgspec.structs.replace(model, intersample=intersample)
     if np.any(fitted.offsets) and any(run.header.bench.get("kind") == "imported" for run in runs):
         model = msgspec.structs.replace(model, effects=_zeros(fitted.offsets, outputs, source))
-    per_hz = 1.0 / (2.0 * np.pi)
-    modes = tuple(
-        {
-            "frequency_hz": float(linear.omega_rad_s[i] * per_hz),
-            "frequency_std_hz": float(std.omega_rad_s[i] * per_hz),
-            "decay_rate_1_s": float(linear.sigma_1_s[i]),
-            "decay_rate_std_1_s": float(std.sigma_1_s[i]),
-        }
-        for i in np.argsort(linear.omega_rad_s)
-    )
+    rising = np.argsort(linear.omega_rad_s).tolist()
+    axes = axes_of_modes(linear, [port.dof for port in outputs])
     chi2_per_dof = None if fitted.chi2 is None else fitted.chi2 / max(fitted.dof, 1)
-    return Identification(model, method, modes, chi2_per_dof, *levels, held_out, response)
+    remarks = remarks_on_modes(linear, std, fitted.dropped)
+    return Identification(
+        model,
+        method,
+        tuple(_mode(linear, std, i) for i in rising),
+        chi2_per_dof,
+        *levels,
+        held_out,
+        response,
+        remarks,
+        gains=_gains(fitted, inputs, outputs),
+        axes=tuple(axes[i] for i in rising),
+    )
+
+
+def _mode(linear: ModalModel, std: ModalModel, i: int) -> dict[str, float]:
+    per_hz = 1.0 / (2.0 * np.pi)
+    return {
+        "frequency_hz": float(linear.omega_rad_s[i] * per_hz),
+        "frequency_std_hz": float(std.omega_rad_s[i] * per_hz),
+        "decay_rate_1_s": float(linear.sigma_1_s[i]),
+        "decay_rate_std_1_s": float(std.sigma_1_s[i]),
+    }
+
+
+def _gains(fitted: Fitted, inputs: list[Port], outputs: list[Port]) -> tuple[StaticGain, ...]:
+    """Return the static gain of every entry."""
+    gain, std = static_gain(fitted.linear), fitted.gain_std
+    if gain is None:
+        return ()
+    return tuple(
+        StaticGain(
+            i.name,
+            o.name,
+            f"{o.unit} per {i.unit}",
+            float(gain[k, j]),
+            None if std is None or not np.isfinite(std[k, j]) else float(std[k, j]),
+        )
+        for k, o in enumerate(outputs)
+        for j, i in enumerate(inputs)
+    )
 
 
 def _zeros(offsets: Array, outputs: list[Port], source: str) -> list[EffectEntry]:

@@ -10,8 +10,9 @@ Segments with "held-out" in their label take no part; the model is tried on them
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -21,21 +22,25 @@ from analysis.frequency.frf import FrequencyResponse, frequency_response_periodi
 from analysis.identification.axes import Axes, fit_axes
 from analysis.identification.between_samples import fit_between_samples, response_freed
 from analysis.identification.determined import without_undetermined
+from analysis.identification.from_sweeps import identify_sweeps
+from analysis.identification.growing_poles import curves_in_a_loop, remarks_on_growth
 from analysis.identification.held_out import channels_of, tried
-from analysis.identification.identified import Fitted, Identification, deviations, identification, side_by_side
-from analysis.identification.in_time import fit_in_time, in_a_loop, may_be_late
+from analysis.identification.identified import Fitted, HeldOut, Identification, fitted_by, identification
+from analysis.identification.in_time import fit_in_time, fitted_again, in_a_loop, may_be_late
 from analysis.identification.line_fit import fit_lines, pooled_variance
+from analysis.identification.merged_pairs import with_pairs_merged
+from analysis.identification.missed_response import remarks_on_misses, response_of_model
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.realisations import Realisations, bring_to_one_level, realisations_of
+from analysis.identification.record_remarks import inputs_at_rest, is_stepped_sine, remarks_on_records, untold
 from analysis.identification.refined import refined
-from analysis.identification.response_curves import curve_of_sweep, curves_of_periods
+from analysis.identification.response_curves import curves_of_periods
 from analysis.identification.response_fit import RationalFit
-from analysis.identification.sweep_fit import fit_sweep
 from analysis.identification.swing import without_swing
+from analysis.identification.timefit import TimeFit
 from analysis.identification.whole_delay import BEGINNING_ROWS, beginning
 from analysis.recorded.folded import averaged_response, too_long
-from analysis.recorded.sweep import sweep_of
-from campaigns.facts import dead_in_all, facts_of, measured_segments, remarks_on
+from campaigns.facts import facts_of, measured_segments
 from campaigns.facts.loop import NAME as LOOP
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of, unheard
@@ -63,21 +68,22 @@ def identify_runs(
     equal_weights: bool = False,
     name: str = "identified",
     report: Report = unheard,
+    tell: Callable[[str], None] = untold,
 ) -> Identification:
     """Return the linear model that explains `runs` best; all must have the same inputs and outputs, or be sweeps.
 
     `modes` is the number of modes or several to choose from (per axis for sweeps); `only` fits the segments whose
     label contains it. `equal_weights` fits periodic data for the least rms error instead of weighing each line by its
-    noise: better when the misfit is nonlinear distortion, not noise. Raises DataError for runs that differ or hold
-    nothing to fit.
+    noise: better when the misfit is nonlinear distortion, not noise. `tell` hears the remarks on the records before
+    anything is fitted. Raises DataError for runs that differ or hold nothing to fit.
     """
     orders = _orders(runs, modes)
     if not runs:
         raise DataError("identify: no run is given; give one log at least")
-    if all(any("measure_from" in s.settings for s in run.segments) for run in runs):
-        return _from_sweeps(runs, orders, name, report)
+    if all(is_stepped_sine(run) for run in runs):
+        return identify_sweeps(runs, orders, name, report, tell)
     _require_same_channels(runs)
-    still = _inputs_at_rest(runs)
+    still = inputs_at_rest(runs)
     parts = [(run, s) for run in runs for s in measured_segments(run)]
     fitting = [(run, s) for run, s in parts if s.rows and only in s.label and not s.held_out]
     if not fitting:
@@ -85,29 +91,19 @@ def identify_runs(
             f"{runs[0].path}: no segment remains to fit; give segments that are not held-out, match --only, move, and "
             f"are not cut off by their sensor every few samples{_missing(runs)}"
         )
+    told = (*still, *remarks_on_records(runs))
+    for remark in told:
+        tell(remark)
     # what is averaged over periods is a ratio of two that hold the same noise, where inputs answer the outputs
     periodic = None if _in_a_known_loop(fitting) else realisations_of(fitting)
     if periodic is not None:
         found = _from_periods(periodic, parts, orders, name, equal_weights, report)
     else:
         found = (_from_spectra if too_long(fitting) else _from_records)(fitting, parts, orders, name, report)
-    return replace(found, remarks=(*still, *remarks_on(runs)))
-
-
-def _inputs_at_rest(runs: Sequence[Run]) -> tuple[str, ...]:
-    """Return remarks on inputs that move in no log; raises DataError for an output that changes in none."""
-    still = dead_in_all([facts_of(run) for run in runs])
-    for fact in still:
-        if fact.channel in runs[0].names("output"):
-            raise DataError(f"{runs[0].path}: {fact.told}")
-    names = [fact.channel for fact in still]
-    if not names:
-        return ()
-    if len(names) == len(runs[0].names("input")):
-        told = "no input moves in any log: gains are unknown, and modes are those of a free motion, if there was one"
-    else:
-        told = f"input {', '.join(names)} moves in no log: its gains are unknown, and written as zero"
-    return (told,)
+    missed = remarks_on_misses(found.response, response_of_model(found.model))
+    measured = found.response or tuple(curves_in_a_loop(fitting))
+    grows = remarks_on_growth(found.model, measured)
+    return replace(found, remarks=(*told, *grows, *found.remarks, *missed))
 
 
 def _missing(runs: Sequence[Run]) -> str:
@@ -120,31 +116,6 @@ def _orders(runs: Sequence[Run], modes: int | Sequence[int] | None) -> tuple[int
         return (modes,) if isinstance(modes, int) else tuple(modes)
     n_u = len(runs[0].names("input")) if runs else 1
     return tuple(n * max(n_u, 1) for n in ORDERS)
-
-
-def _from_sweeps(runs: Sequence[Run], orders: tuple[int, ...], name: str, report: Report) -> Identification:
-    """One axis per run: the modes of all axes side by side, without coupling."""
-    fits: dict[str, Fitted] = {}
-    inputs, outputs, curves = [], [], []
-    remarks: list[str] = []
-    for i, run in enumerate(runs):
-        report(i, len(runs), f"fitting {run.path.name}")
-        sweep = sweep_of(run)
-        if sweep.axis in fits:
-            raise DataError(f"{run.path} sweeps {sweep.axis}, as another log does; give one sweep per axis")
-        fits[sweep.axis], told = fit_sweep(sweep, run.sample_rate_hz, orders)
-        remarks += told
-        axis = [next(c.name for c in run.channels.values() if c.role == role and c.dof == sweep.axis) for role in ROLES]
-        curves.append(curve_of_sweep(sweep, *axis))
-        inputs += [c for c in run.channels.values() if c.role == "input" and c.dof == sweep.axis]
-        outputs += [c for c in run.channels.values() if c.role == "output" and c.dof == sweep.axis]
-    each = [[i] for i in range(len(fits))]
-    linear = side_by_side([fit.linear for fit in fits.values()], each, each)
-    std = side_by_side([fit.std for fit in fits.values()], each, each)
-    whole = Fitted(linear, std, sum(f.chi2 or 0.0 for f in fits.values()), sum(f.dof for f in fits.values()))
-    ports = ([Port(name=c.name, unit=c.unit, dof=c.dof) for c in some] for some in (inputs, outputs))
-    found = identification(whole, runs, *ports, method="stepped sine", name=name, response=tuple(curves))
-    return replace(found, remarks=tuple(remarks))
 
 
 def _from_periods(
@@ -169,22 +140,25 @@ def _from_periods(
         )
     report(0.8, 1.0, "giving up modes that are not there")
     fit, lines, variance, held = chosen.fit, chosen.lines, chosen.variance, chosen.intersample == "held"
-    fit = without_undetermined(
-        fit,
-        orders,
-        lambda n, first: fit_lines(lines, variance, data.rate_hz, (n,), first, delay=chosen.delay),
-    )
+
+    def again(n: int, first: ModalModel | None) -> RationalFit:
+        return fit_lines(lines, variance, data.rate_hz, (n,), first, delay=chosen.delay)
+
+    def errors(one: RationalFit) -> tuple[HeldOut, ...]:
+        late = one.model.with_(delay_s=one.model.delay_s + chosen.whole_s)
+        return tried(late, parts, data.rate_hz, intersample=chosen.intersample)
+
+    fit = with_pairs_merged(without_undetermined(fit, orders, again), orders, again, errors)
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
     if variance is not None and not _within_noise(fit) and _distorted(*ratios):
         # weights by the noise follow the quietest lines, although the residual there is not noise
         even = fit_lines(lines, None, data.rate_hz, (fit.model.n_blocks,), fit.model, delay=chosen.delay)
-        fit = replace(even, chi2=fit.chi2, dof=fit.dof)  # how far noise explains it is told by the other
+        # how far noise explains it is told by the other
+        fit = replace(even, chi2=fit.chi2, dof=fit.dof, dropped=fit.dropped)
     if chosen.whole_s.any():
         fit = replace(fit, model=fit.model.with_(delay_s=chosen.whole_s))
-    fitted = Fitted(
-        fit.model, deviations(fit), None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means)
-    )
+    fitted = fitted_by(fit, None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means))
     if held and variance is not None and _within_noise(fit) and not _distorted(*ratios):
         report(0.9, 1.0, "fitting in time")
         fitted = _refined(fitted, parts, data.rate_hz, Structure(delay=chosen.delay), late=False)
@@ -222,7 +196,7 @@ def _refined(
     fit = refined(fitted.linear, inputs, outputs, rate_hz, structure, fitted.offsets.mean(axis=0), late=late)
     if fit is None:
         return fitted
-    return Fitted(fit.model, deviations(fit), fitted.chi2, fitted.dof, np.array(fit.offsets))
+    return fitted_by(fit, fitted.chi2, fitted.dof, np.array(fit.offsets), fitted.dropped)
 
 
 def _measured(data: Realisations) -> FrequencyResponse:
@@ -260,10 +234,14 @@ def _from_records(
     if choosing and not looped and max(s.rows for _, s in fitting) > MANY_ROWS:
         return _from_spectra(fitting, parts, orders, name, report)
     fit = fit_in_time(fitting, inputs, outputs, orders, looped, report)
-    std = deviations(fit)
+
+    def errors(one: TimeFit) -> tuple[HeldOut, ...]:
+        return tried(one.model, parts, rate, np.array(one.offsets).mean(axis=0))
+
+    fit = with_pairs_merged(fit, orders, partial(fitted_again, fit, inputs, outputs, rate, looped), errors)
     offsets = np.array(fit.offsets)
     return identification(
-        Fitted(fit.model, std, fit.chi2, fit.dof, offsets),
+        fitted_by(fit, fit.chi2, fit.dof, offsets),
         _runs_of(parts),
         *_ports(parts[0][0]),
         method="free, in a loop" if known else "free",
@@ -289,9 +267,17 @@ def _from_spectra(
     lines = response_freed(measured, whole, rate)
     variance = pooled_variance(lines)
     fit = fit_lines(lines, variance, rate, orders, report=part_of(report, 0.5, 0.9))
-    fit = without_undetermined(fit, orders, lambda n, first: fit_lines(lines, variance, rate, (n,), first))
+
+    def again(n: int, first: ModalModel | None) -> RationalFit:
+        return fit_lines(lines, variance, rate, (n,), first)
+
+    def errors(one: RationalFit) -> tuple[HeldOut, ...]:
+        late = one.model.with_(delay_s=whole / rate)
+        return tried(late, parts, rate, _rest(late, u, y).mean(axis=0))
+
+    fit = with_pairs_merged(without_undetermined(fit, orders, again), orders, again, errors)
     fit = replace(fit, model=fit.model.with_(delay_s=whole / rate))
-    fitted = Fitted(fit.model, deviations(fit), fit.chi2, fit.dof, _rest(fit.model, u, y))
+    fitted = fitted_by(fit, fit.chi2, fit.dof, _rest(fit.model, u, y))
     report(0.9, 1.0, "fitting in time")
     fitted = _refined(fitted, fitting, rate, Structure(), late=may_be_late(fitting[0][0]))
     return identification(

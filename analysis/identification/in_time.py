@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,6 +13,7 @@ from analysis.identification.input_delay import fit_whole_delay, with_delay
 from analysis.identification.loop_at_once import answers_at_once
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
+from analysis.identification.whole_delay import freed
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of
 from sim_backend.linear import Array, ModalModel
@@ -43,7 +45,7 @@ def fit_in_time(
             return search(inputs, outputs)
         fit = fit_whole_delay(search, inputs, outputs, rate, orders, structure)
         report(0.9, 1.0, "fitting a delay")
-        return with_delay(fit, inputs, outputs, rate)
+        return late_and_determined(fit, inputs, outputs, rate, orders, in_loop)
 
     fit = fitted(Structure(feedthrough=not looped), looped)
     at_once = fit.model.delay_s * rate < 1.0
@@ -80,6 +82,40 @@ def _fitted(
     fit = fitted(orders, report=part_of(report, 0.0, 0.9))
     report(0.9, 1.0, "giving up modes that are not there")
     return without_undetermined(fit, orders, again)
+
+
+def late_and_determined(
+    fit: TimeFit,
+    inputs: Sequence[Array],
+    outputs: Sequence[Array],
+    rate_hz: float,
+    orders: tuple[int, ...],
+    looped: bool = False,
+) -> TimeFit:
+    """Return `input_delay.with_delay` of a fit, and of one with a delay only the modes that are still determined."""
+    late = with_delay(fit, inputs, outputs, rate_hz)
+    if np.array_equal(late.model.delay_s, fit.model.delay_s):
+        return late
+    return without_undetermined(late, orders, partial(fitted_again, late, inputs, outputs, rate_hz, looped), anew=False)
+
+
+def fitted_again(
+    fit: TimeFit,
+    inputs: Sequence[Array],
+    outputs: Sequence[Array],
+    rate_hz: float,
+    looped: bool,
+    blocks: int,
+    start: ModalModel | None,
+) -> TimeFit:
+    """Return a fit of so many blocks from `start`, with the structure and the whole samples of delay that `fit` has."""
+    whole = np.floor(fit.model.delay_s * rate_hz + 1e-6).astype(np.intp)
+    records = freed(inputs, outputs, whole, int(whole.max(initial=0)))
+    first = None if start is None else start.with_(delay_s=fit.model.delay_s - whole / rate_hz)
+    found = fit_records(
+        *records, rate_hz, blocks, structure=fit.structure, rigid_bodies=None, start=first, in_loop=looped
+    )
+    return replace(found, model=found.model.with_(delay_s=found.model.delay_s + whole / rate_hz))
 
 
 def may_be_late(run: Run) -> bool:

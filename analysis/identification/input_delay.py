@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.identification.determined import SIGNIFICANT, determinedness
+from analysis.identification.determined import SIGNIFICANT, determinedness, dropped_from
+from analysis.identification.dropped import DELAY
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
 from analysis.identification.whitening import holds_inputs
@@ -71,6 +72,7 @@ def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], 
     free delay needs fewer numbers, and is exact at low frequencies. Either is tried with all modes, and a free one with
     ever fewer: the fastest modes may only have approximated it.
     """
+    given = fit
     known = np.rint(fit.model.delay_s * rate_hz).astype(np.intp)
     proposed = beginning(inputs, outputs).whole
     bases = [known] if np.array_equal(known, proposed) else [known, proposed]
@@ -100,7 +102,14 @@ def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], 
         if plain.criterion < reference.criterion and _doubtful(plain) <= _doubtful(reference):
             fit, reference = _later(plain, known, rate_hz), plain
     paths = fit.model.n_inputs * fit.model.n_outputs
-    return best if best.criterion + paths * _CLEARLY < reference.criterion else fit
+    return _with_dropped(best if best.criterion + paths * _CLEARLY < reference.criterion else fit, given)
+
+
+def _with_dropped(fit: TimeFit, given: TimeFit) -> TimeFit:
+    """Return a fit with what had been given up before, and the fastest modes of the `given` one if it has fewer."""
+    fastest = np.argsort(-np.abs(given.model.poles_1_s()).max(axis=1))
+    fewer = fastest[: given.model.n_blocks - fit.model.n_blocks].tolist()
+    return replace(fit, dropped=(*given.dropped, *(dropped_from(given, i, None, DELAY) for i in fewer)))
 
 
 def _free_delays(

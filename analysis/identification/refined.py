@@ -13,7 +13,7 @@ import numpy as np
 
 from analysis.identification.determined import without_undetermined
 from analysis.identification.held_out import error_of_free_run
-from analysis.identification.input_delay import with_delay
+from analysis.identification.in_time import late_and_determined
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
 from analysis.identification.whole_delay import freed
@@ -61,4 +61,4 @@ def refined(
         return None
     fit = without_undetermined(fit, (1,), again, anew=False)
     fit = replace(fit, model=fit.model.with_(delay_s=fit.model.delay_s + whole / rate_hz))
-    return with_delay(fit, inputs, outputs, rate_hz) if late else fit
+    return late_and_determined(fit, inputs, outputs, rate_hz, (1,)) if late else fit

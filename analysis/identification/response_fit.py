@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.identification.block_basis import block_matrices, block_spectra
+from analysis.identification.dropped import Dropped
 from analysis.identification.modal_parameters import (
     Layout,
     Structure,
@@ -55,7 +56,8 @@ class RationalFit:
     `covariance` (p, p) belongs to the vector of `modal_parameters.pack(model)`; `omega_std_rad_s` and `sigma_std_1_s`
     (m,) are drawn from it. `chi2` is the weighted sum of squares, `dof` its degrees of freedom; `scaled` is True when
     no variance was given, and the covariance was scaled so that chi2 = dof. `criterion` is the Bayesian information
-    criterion, `orders` the numbers of blocks tried with their criteria.
+    criterion, `orders` the numbers of blocks tried with their criteria, `dropped` the modes that were
+    given up.
     """
 
     model: ModalModel
@@ -69,6 +71,7 @@ class RationalFit:
     criterion: float
     converged: bool
     orders: tuple[tuple[int, float], ...]
+    dropped: tuple[Dropped, ...] = ()
 
 
 def make_target(

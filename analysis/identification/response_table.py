@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +27,10 @@ _COLUMNS = {
     "frequency": re.compile(r"(?i)^f\b|^freq|^omega|^w\b|^hz\b"),
     "phase": re.compile(r"(?i)phase|^phi\b|^arg\b"),
     "level": re.compile(r"(?i)^level|^drive|^excitation"),
-    "magnitude": re.compile(r"(?i)mag|gain|^abs\b|^\|.*\|"),
+    "magnitude": re.compile(r"(?i)mag|gain|^abs\b|^\|.*\||^ampl(itude)?[ _]ratio"),
+    "amplitude": re.compile(r"(?i)^(input[ _])?ampl(itude)?(?![a-z])"),
 }
-"""What a column is, by its name; the first that fits."""
+"""What a column is, by its name; the first that fits. An amplitude is the level beside a magnitude."""
 
 _FACTORS = {"hz": 1.0, "khz": 1e3, "rad/s": 0.5 / np.pi, "rads": 0.5 / np.pi}
 
@@ -46,8 +47,8 @@ class Table:
     """A response (n,) by rising frequency at each level of excitation, with the units of output and input, if stated.
 
     `std` (n,) is the standard deviation of the magnitude, in its unit, and over it that of the phase in rad;
-    `coherence` (n,) is the ordinary one, 0 to 1. Both are None where the table has no such column. `remarks` say what
-    was left out.
+    `coherence` (n,) is the ordinary one, 0 to 1. Both are None where the table has no such column. `unnamed` are the
+    numbers (n,) of columns whose names say nothing. `remarks` say what was left out.
     """
 
     frequency_hz: Array
@@ -57,6 +58,7 @@ class Table:
     level_unit: str = ""
     std: Array | None = None
     coherence: Array | None = None
+    unnamed: dict[str, Array] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
 
@@ -66,7 +68,7 @@ def read_table(path: Path) -> Table:
     Raises DataError for a table without frequency, without magnitude and phase or real and imaginary part, or whose
     numbers cannot be what their columns say.
     """
-    names, values, units = _read_columns(path)
+    names, values, units, unnamed = _read_columns(path)
     f = values["frequency"] * _per_hz(names["frequency"], units["frequency"], path)
     if np.any(f < 0.0):
         raise DataError(f"{path}: a frequency is {np.nanmin(f):g} Hz; give none below zero")
@@ -85,12 +87,13 @@ def read_table(path: Path) -> Table:
         units.get("level", ""),
         None if std is None else std[order],
         None if coherence is None else coherence[order],
+        {name: numbers[order] for name, numbers in unnamed.items()},
         remarks,
     )
 
 
-def _read_columns(path: Path) -> tuple[dict[str, str], dict[str, Array], dict[str, str]]:
-    """Return name, numbers (n,) and unit of every column that has a role."""
+def _read_columns(path: Path) -> tuple[dict[str, str], dict[str, Array], dict[str, str], dict[str, Array]]:
+    """Return name, numbers (n,) and unit of every column that has a role, and the numbers of all others."""
     with ExitStack() as closing:
         source = open_source(path, closing)
         names: dict[str, str] = {}
@@ -104,9 +107,27 @@ def _read_columns(path: Path) -> tuple[dict[str, str], dict[str, Array], dict[st
         if "frequency" not in names:
             there = ", ".join(source.names()) or "no names"
             raise DataError(f"{path} has no column of frequency: name it as in 'frequency (Hz)'; it has {there}")
+        _amplitude_as_level(path, names)
         values = {role: _numbers(source, name) for role, name in names.items()}
         units = {role: source.unit(name) or _written(name) for role, name in names.items()}
-    return names, values, units
+        others = {name: _numbers_if_any(source, name) for name in source.names() if name not in names.values()}
+    size = values["frequency"].size
+    unnamed = {name: numbers for name, numbers in others.items() if numbers is not None and numbers.shape == (size,)}
+    return names, values, units, unnamed
+
+
+def _amplitude_as_level(path: Path, names: dict[str, str]) -> None:
+    """Make the amplitude the level, in place, beside a magnitude; raise DataError where it may be the magnitude."""
+    name = names.pop("amplitude", None)
+    if name is None:
+        return
+    if "magnitude" not in names:
+        raise DataError(
+            f"{path}: '{name}' may be the magnitude of the response or the level of excitation: name it "
+            "'magnitude (unit)' or 'level (unit)'"
+        )
+    if "level" not in names:
+        names["level"] = name
 
 
 def _response(
@@ -203,6 +224,14 @@ def _numbers(source: Source, name: str) -> Array:
     values = source.array(name)
     assert values is not None  # the source has just named it
     return np.asarray(values, dtype=np.float64)
+
+
+def _numbers_if_any(source: Source, name: str) -> Array | None:
+    """Return the numbers of a column; None where it holds something else."""
+    try:
+        return _numbers(source, name)
+    except (DataError, ValueError, TypeError):
+        return None
 
 
 def _radians(phase: Array, unit: str, path: Path) -> Array:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.identification.determined import SIGNIFICANT
-from analysis.identification.identified import Fitted, deviations
+from analysis.identification.determined import SIGNIFICANT, dropped_from
+from analysis.identification.dropped import UNDETERMINED
+from analysis.identification.identified import Fitted, fitted_by
+from analysis.identification.missed_response import worst_miss
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.rational import fit_rational
 from analysis.identification.response_fit import RationalFit
@@ -27,9 +29,6 @@ CLEARER = 3.0
 
 LAGS = 0.01
 """Relative misfit up to which modes alone are kept: hysteresis lags by so much, in the shape of a small delay."""
-
-MISSED = 0.1
-"""Part of the response that a model may miss at a line without a remark."""
 
 _PLAIN = Structure("mechanical", feedthrough=False)
 _LAGGING = Structure("general", feedthrough=False)
@@ -64,19 +63,18 @@ def fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> tuple[Fi
         # the first, which are the simplest, of those that are about as near as any
         best = next(one for one in forms if one.relative2 <= CLEARER**2 * least2)
     model = best.model(rate_hz)
-    std = deviations(best.fit)
-    missed = np.abs(model.frequency_response(sweep.frequency_hz, rate_hz)[:, 0, 0] - sweep.response)
-    return Fitted(model, std, best.fit.chi2, best.fit.dof), _told(sweep, missed)
+    modelled = model.frequency_response(sweep.frequency_hz, rate_hz)[:, 0, 0]
+    fitted = fitted_by(best.fit, best.fit.chi2, best.fit.dof)
+    return replace(fitted, linear=model), _told(sweep, modelled)
 
 
-def _told(sweep: Sweep, missed: Array) -> tuple[str, ...]:
+def _told(sweep: Sweep, modelled: ComplexArray) -> tuple[str, ...]:
     """Return the line at which the model misses most of the response, if that is much and not noise."""
-    part = missed / np.abs(sweep.response)
-    k = int(np.argmax(np.where(missed > 5.0 * np.sqrt(sweep.variance), part, 0.0)))
-    if not part[k] > MISSED or missed[k] <= 5.0 * np.sqrt(sweep.variance[k]):
+    miss = worst_miss(sweep.frequency_hz, sweep.response, modelled, sweep.variance)
+    if miss is None:
         return ()
     return (
-        f"the model of {sweep.axis} misses {100.0 * part[k]:.3g} % of the response at {sweep.frequency_hz[k]:.4g} Hz, "
+        f"the model of {sweep.axis} misses {100.0 * miss.part:.3g} % of the response at {miss.frequency_hz:.4g} Hz, "
         "far more than its noise: give --modes, or sweep more closely there",
     )
 
@@ -137,5 +135,6 @@ def _chosen(sweep: Sweep, rate_hz: float, orders: tuple[int, ...], structure: St
         # one of two real poles may be far off although the block is real; a mode of no width is the error of a line
         if structure.form == "general" and missed2(fewer) > CLEARER**2 * missed2(fit):
             break
-        fit = fewer
+        doubtful = int(np.argmin(fit.model.sigma_1_s / np.maximum(fit.sigma_std_1_s, np.finfo(float).tiny)))
+        fit = replace(fewer, dropped=(*fit.dropped, dropped_from(fit, doubtful, fewer, UNDETERMINED)))
     return _Try(fit, whole, missed2(fit))

@@ -9,6 +9,7 @@ import numpy as np
 
 from analysis.frequency.frf import smoothed
 from analysis.frequency.frf_records import frequency_response_local
+from analysis.identification.dropped import Dropped
 from analysis.identification.growth import grown
 from analysis.identification.modal_parameters import Layout, Structure, determined, layout_of, pack, step_limit, unpack
 from analysis.identification.normal_equations import Normal, covariance, minimise
@@ -46,7 +47,7 @@ class TimeFit:
     (m,) are drawn from it. `outputs` are the modelled records (n, n_y), from the estimated `initial_states` (m, 2) with
     the `offsets` (n_y,). `noise_std` (n_y,) is that of the one-step innovation and `whitening` (n_y, p + 1) the filter
     that makes the residual white with unit variance. `criterion` is the Bayesian information criterion, `orders` the
-    numbers of blocks tried with theirs.
+    numbers of blocks tried with theirs, `dropped` the modes that were given up.
     """
 
     model: ModalModel
@@ -65,6 +66,7 @@ class TimeFit:
     criterion: float
     converged: bool
     orders: tuple[tuple[int, float], ...]
+    dropped: tuple[Dropped, ...] = ()
 
     @property
     def unpenalised(self) -> float:

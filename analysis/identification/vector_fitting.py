@@ -41,10 +41,13 @@ def vector_fit(
     hold_rate_hz: float | None = None,
     feedthrough: bool = True,
     iterations: int = 15,
+    *,
+    stable: bool = True,
 ) -> PoleResidues:
     """Return common poles and full residues that fit `response` (n_f, n_y, n_u), in continuous time.
 
-    `weight` (n_f, n_y, n_u) multiplies the error. `n_poles` is even. Poles that leave the stable region are reflected.
+    `weight` (n_f, n_y, n_u) multiplies the error. `n_poles` is even. Poles that leave the stable region are reflected,
+    unless `stable` is False.
     """
     scale = float(hold_rate_hz) if hold_rate_hz is not None else 2.0 * np.pi * float(frequency_hz[-1])
     s = 2j * np.pi * frequency_hz / scale
@@ -57,7 +60,11 @@ def vector_fit(
         poles = np.exp(poles)
     size = float(np.linalg.norm(weights * np.abs(data)))
     for _ in range(iterations):
-        poles, change = settled(*_relocate(point, data, weights, poles, feedthrough, size), poles, sampled)
+        real, imag = _relocate(point, data, weights, poles, feedthrough, size)
+        if not stable:
+            poles = _paired(real, imag)
+            continue
+        poles, change = settled(real, imag, poles, sampled)
         if change < _SETTLED:
             break
     poles = _pairable(poles) if sampled else poles
@@ -115,6 +122,12 @@ def _workspace(rows: int, columns: int) -> tuple[int, int]:
     """Return how many numbers, real and whole, LAPACK needs for least squares of this size."""
     lwork, iwork, _ = scipy.linalg.lapack.dgelsd_lwork(rows, columns, 1)
     return int(lwork), int(iwork)
+
+
+def _paired(real: Array, imag: Array) -> ComplexArray:
+    """Return eigenvalues where they are, each conjugate right behind its upper partner, real ones last."""
+    upper = (real + 1j * imag)[imag > 0.0]
+    return np.concatenate([np.stack([upper, upper.conj()], axis=1).ravel(), real[imag == 0.0].astype(complex)])
 
 
 def _pairable(poles: ComplexArray) -> ComplexArray:

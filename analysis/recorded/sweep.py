@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from analysis.measurements.sinefit import SineFit, fit_sines, joined, sine_response
 from analysis.measurements.thermal import SweepDifference, compare_sweeps
+from campaigns.facts import facts_of, usable_segments
+from campaigns.facts.clipping import NAME as CUT_OFF
+from campaigns.facts.rest import AT_REST
 from campaigns.log import LogSegment, Run
 from sim_backend.errors import DataError
 
@@ -60,14 +63,14 @@ def difference_of(first: Sweep, second: Sweep) -> SweepDifference:
 def sweep_of(run: Run) -> Sweep:
     """Return the response that a stepped sine measured, by sine fits of its steady state; section 6.2.2.
 
-    It is measured once for each open run, however many ask. Raises DataError when the run holds no sine of known
-    frequency, or lacks the axis.
+    It is measured once for each open run, however many ask. Steps at rest or cut off by the sensor are left out. Raises
+    DataError when the run holds no sine of known frequency, lacks the axis, or a fact forbids to use it.
     """
     return run.once("sweep", _measured)
 
 
 def _measured(run: Run) -> Sweep:
-    parts = [s for s in run.segments if "frequency_hz" in s.settings and "measure_from" in s.settings]
+    parts = [s for s in usable_segments(run) if "frequency_hz" in s.settings and "measure_from" in s.settings]
     if not parts:
         raise DataError(
             f"{run.path} holds no stepped sine: it is a log of '{run.header.test}', give one of 'sinesweep'"
@@ -77,8 +80,11 @@ def _measured(run: Run) -> Sweep:
     reading = next((n for n in run.names("output") if run.channels[n].dof == axis), None)
     if command is None or reading is None:
         raise DataError(f"{run.path} lacks the command or the reading of axis '{axis}'; record both")
+    parts = _whole(run, reading, parts)
     fits = [_fitted(run, (command, reading), few, parts[0].start) for few in _gathered(parts)]
     inputs, outputs = (joined([fit.channel(i) for fit in fits]) for i in range(2))
+    if not np.any(outputs.amplitude):
+        raise DataError(f"{run.path}: '{reading}' never moves; give a log in which the sensor reads the axis")
     measured = sine_response(inputs, outputs)
     rising = np.argsort(measured.frequency_hz, kind="stable")
     return Sweep(
@@ -88,6 +94,18 @@ def _measured(run: Run) -> Sweep:
         measured.variance[rising, 0, 0],
         inputs.amplitude[rising, 0],
     )
+
+
+def _whole(run: Run, reading: str, parts: list[LogSegment]) -> list[LogSegment]:
+    """Return the steps in which the reading moves and is not cut off by its sensor: sines are fitted to whole steps."""
+    useless = {fact.segment for fact in facts_of(run) if fact.name in (CUT_OFF, AT_REST) and fact.channel == reading}
+    whole = [part for part in parts if part.label not in useless]
+    if not whole:
+        raise DataError(
+            f"{run.path}: '{reading}' is cut off by its sensor or at rest in all {len(parts)} steps; check the sensor "
+            "and the amplitude"
+        )
+    return whole
 
 
 def _gathered(parts: list[LogSegment]) -> Iterator[list[LogSegment]]:

@@ -6,6 +6,8 @@ import numpy as np
 
 from campaigns.facts.base import Fact, Seen, by_segment, changed, runs_of
 
+AT_REST = "at-rest"
+
 LEAST_ROWS = 20
 """Samples at the end of a record in which nothing may change before it counts as having ended there."""
 
@@ -21,7 +23,7 @@ def facts(seen: Seen) -> list[Fact]:
             if seen.complete and part.size > 1 and np.ptp(part) == 0.0:
                 found.append(
                     Fact(
-                        "at-rest",
+                        AT_REST,
                         f'{name} is {part[0]:.6g} in all of "{segment.label}", samples {segment.start} to '
                         f"{segment.stop}",
                         "the segment is left out; nothing can be held out or fitted there",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -11,6 +11,7 @@ from campaigns.facts.base import stretches_of
 from campaigns.facts.clipping import cut_off
 from campaigns.facts.finding import facts_of
 from campaigns.facts.missing import missing_rows
+from campaigns.facts.rest import AT_REST
 from campaigns.log.read import Run
 from campaigns.log.schema import LogSegment
 from sim_backend.errors import DataError
@@ -26,7 +27,7 @@ def usable_segments(run: Run) -> list[LogSegment]:
         if fact.forbids:
             raise DataError(f"{run.path}: {fact.refusal}")
     end = min((int(fact.numbers["start"]) for fact in facts if fact.name == "ended"), default=run.rows)
-    still = Counter(fact.segment for fact in facts if fact.name == "at-rest")
+    still = Counter(fact.segment for fact in facts if fact.name == AT_REST)
     outputs = len(run.names("output"))
     kept = [s for s in run.segments if s.start < end and still[s.label] < max(outputs, 1)]
     if still and not kept:
@@ -71,7 +72,15 @@ def measured_segments(run: Run) -> list[LogSegment]:
     return found
 
 
-def remarks_on(runs: Sequence[Run]) -> tuple[str, ...]:
-    """Return what somebody who uses these logs has to know of them, without being asked."""
-    told = (f"{run.path.name}: {fact.told}" for run in runs for fact in facts_of(run) if fact.remark)
+def remarks_on(runs: Sequence[Run], channels: Collection[str] | None = None) -> tuple[str, ...]:
+    """Return what somebody who uses these logs has to know of them, without being asked.
+
+    With `channels` only what concerns these, or no channel in particular.
+    """
+    told = (
+        f"{run.path.name}: {fact.told}"
+        for run in runs
+        for fact in facts_of(run)
+        if fact.remark and (channels is None or not fact.channel or fact.channel in channels)
+    )
     return tuple(dict.fromkeys(told))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,14 +10,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mccdcli.options import POSITIVE, NewPath, Real, WholeRange, common_options
-from mccdcli.output import emit, table
+from mccdcli.output import emit, say, table
 from mccdcli.progress import progress
 from mccdcli.trials import count_campaign, play_campaign, settings_option
 
 if TYPE_CHECKING:
     from analysis.identification.identified import Identification
-    from analysis.identification.response_curves import ResponseCurve
     from campaigns.log import Run
+
+PAGE = ".html"
+"""Ending of a picture that is a page."""
 
 
 @click.command()
@@ -70,7 +71,7 @@ if TYPE_CHECKING:
     "picture",
     type=NewPath(dir_okay=False),
     metavar="FILE",
-    help="Also draw a Bode plot of data and model: .png, .svg or .pdf.",
+    help="Also draw a Bode plot of data and model: .png, .svg or .pdf; as .html a page with all numbers.",
 )
 @click.option(
     "--force", is_flag=True, help="Replace an existing model, and picture of --plot; --response never replaces a file."
@@ -108,6 +109,7 @@ def identify(
       mccd identify --log RUN.h5 --only "200 mV" --modes 14 --equal-weights -o nominal.toml
       mccd identify --log RUN.h5 --response response.csv -o nominal.toml
       mccd identify --log RUN.h5 --plot bode.png -o nominal.toml
+      mccd identify --log RUN.h5 --plot nominal.html -o nominal.toml
       mccd identify --frf response.csv --rate 5000 -o nominal.toml
     """
     from mccdcli.models import refuse_existing
@@ -115,9 +117,7 @@ def identify(
     target = out or Path("nominal.toml")
     refuse_existing(target, force=force)
     if picture is not None:
-        from campaigns.log.plot import require_picture
-
-        require_picture(picture, force=force)
+        _require_picture(picture, force=force)
     if table_file is not None:
         if given:
             raise click.UsageError("give logs or a table of frequency response, not both")
@@ -134,6 +134,17 @@ def identify(
         runs = [stack.enter_context(read_run(log)) for log in logs]
         found = _from_logs(runs, modes=modes, only=only, equal_weights=equal_weights, name=target.stem)
         return _done(found, runs, target, logs, response, picture, as_json, force=force)
+
+
+def _require_picture(path: Path, *, force: bool) -> None:
+    if path.suffix.lower() == PAGE:
+        from analysis.identification.page import require_page
+
+        require_page(path)
+        return
+    from campaigns.log.plot import require_picture
+
+    require_picture(path, force=force)
 
 
 def _counted(bench: str, axes: tuple[str, ...], settings: dict[str, Any], seed: int, as_json: bool) -> int:
@@ -154,7 +165,7 @@ def _from_logs(runs: Sequence[Run], **settings: Any) -> Identification:
     from analysis.identification.identify import identify_runs
 
     with progress("identifying") as report:
-        return identify_runs(runs, **settings, report=report)
+        return identify_runs(runs, **settings, report=report, tell=lambda remark: say(f"remark: {remark}"))
 
 
 def _swept(
@@ -178,14 +189,18 @@ def _done(
     *,
     force: bool,
 ) -> int:
-    """Write the model, then response and picture where they are wanted, and show it."""
+    """Write the model, then response and picture or page where they are wanted, and show it."""
     from analysis.identification.response_files import save_response
     from mccdcli.models import save_model
 
     save_model(found.model, target, force=force)
     if response is not None:
         save_response(found.response, response)
-    if picture is not None:
+    if picture is not None and picture.suffix.lower() == PAGE:
+        from analysis.identification.page import write_page
+
+        write_page(found, runs, sources, picture)
+    elif picture is not None:
         from analysis.identification.bode import save_bode
 
         save_bode(found, runs, picture)
@@ -195,71 +210,7 @@ def _done(
 
 
 def _text(found: Identification) -> str:
-    rows = [
-        (
-            f"{mode['frequency_hz']:.4f} ± {mode['frequency_std_hz']:.2g}",
-            f"{mode['decay_rate_1_s']:.4g} ± {mode['decay_rate_std_1_s']:.2g}",
-            _damping(mode),
-        )
-        for mode in found.modes
-    ]
-    facts = [("method", found.method), *_gains(found), *_delays(found)]
-    if found.chi2_per_dof is not None:
-        facts.append(("misfit over noise", f"{found.chi2_per_dof:.3g} (χ² per degree of freedom)"))
-    facts += [(name, f"{100.0 * value:.3f} % of the output") for name, value in _levels(found) if value is not None]
-    facts += [(f"{one.input} → {one.output}", _uncertainty(one)) for one in found.response]
-    facts += [(f"error on {one.segment}", f"{100.0 * one.total:.2f} %") for one in found.held_out]
+    from analysis.identification.summary import HEADS, facts, modes_table
+
     remarks = "".join(f"\nremark: {remark}" for remark in found.remarks)
-    return f"{table(rows, heads=('frequency, Hz', 'decay rate, s⁻¹', 'damping ratio ζ'))}\n\n{table(facts)}{remarks}"
-
-
-def _uncertainty(curve: ResponseCurve) -> str:
-    """State the range over which a response was measured, and its uncertainty at the median line."""
-    relative = sorted(
-        std / size for std, size in zip(curve.std.tolist(), curve.magnitude.tolist(), strict=True) if size
-    )
-    f = curve.frequency_hz
-    middle = f"{100.0 * relative[len(relative) // 2]:.2f} %" if relative else "unknown"
-    return f"response at {f.size} lines, {f[0]:.4g}–{f[-1]:.4g} Hz, standard deviation {middle} (median)"
-
-
-def _levels(found: Identification) -> list[tuple[str, float | None]]:
-    return [("noise", found.noise), ("nonlinear distortion", found.distortion)]
-
-
-def _damping(mode: dict[str, float]) -> str:
-    """Return ζ = σ / ω of a mode with its standard deviation; a rigid body has none."""
-    omega = 2.0 * math.pi * mode["frequency_hz"]
-    if omega == 0.0:
-        return ""
-    zeta = mode["decay_rate_1_s"] / omega
-    relative = math.hypot(
-        mode["decay_rate_std_1_s"] / max(mode["decay_rate_1_s"], 1e-300),
-        mode["frequency_std_hz"] / mode["frequency_hz"],
-    )
-    return f"{zeta:.4g} ± {zeta * relative:.2g}"
-
-
-def _gains(found: Identification) -> list[tuple[str, str]]:
-    """Return the static gain of every entry with its unit, where nothing is a rigid body."""
-    import numpy as np
-
-    linear = found.model.linear()
-    if any(omega == 0.0 for omega in linear.omega_rad_s.tolist()):
-        return []
-    static = linear.with_(delay_s=0.0 * linear.delay_s).frequency_response(np.zeros(1))[0].real.tolist()
-    return [
-        (f"static gain {i.name} → {o.name}", f"{static[k][j]:.4g} {o.unit} per {i.unit}")
-        for k, o in enumerate(found.model.outputs)
-        for j, i in enumerate(found.model.inputs)
-    ]
-
-
-def _delays(found: Identification) -> list[tuple[str, str]]:
-    told = []
-    for port in found.model.inputs:
-        delay = found.model.delay_s.get(port.name, 0.0)
-        value, std = (delay, 0.0) if isinstance(delay, float | int) else (delay.value, delay.std or 0.0)
-        if value:
-            told.append((f"delay of {port.name}", f"{1e3 * value:.4g} ms" + (f" ± {1e3 * std:.2g} ms" if std else "")))
-    return told
+    return f"{table(modes_table(found), heads=HEADS)}\n\n{table(facts(found))}{remarks}"

@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from analysis.identification.repeated_points import Averaged, averaged
 from analysis.identification.response_files import load_response
 from analysis.identification.response_table import Table, read_table
 from sim_backend.errors import ConfigError, DataError
@@ -96,9 +97,10 @@ def load_lines(path: Path, model: Model, *, level: float | None = None) -> Lines
     table and model do not go together, DataError as `read_table` and for fewer than eight points.
     """
     entries = _entries(path, model)
-    parts = [_merged(table, o, i) for table, o, i in entries]
-    unit = next((table.level_unit for table, _, _ in entries if table.level_unit), "")
-    remarks = tuple(dict.fromkeys(remark for table, _, _ in entries for remark in table.remarks))
+    merged = [averaged(table, path) for table, _, _ in entries]
+    parts = [_part(one, o, i) for one, (_, o, i) in zip(merged, entries, strict=True)]
+    unit = next((one.table.level_unit for one in merged if one.table.level_unit), "")
+    remarks = tuple(dict.fromkeys(remark for one in merged for remark in one.table.remarks))
     lines = _joined(parts, unit, remarks)
     if level is not None:
         keep = np.isclose(lines.level, level, rtol=1e-6)
@@ -157,7 +159,7 @@ def _names_ports(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class _Part:
-    """One response with its repeated points merged; arrays as in Lines."""
+    """One response with its repeated points averaged; arrays as in Lines."""
 
     arrays: dict[str, Array]
     response: ComplexArray
@@ -166,29 +168,16 @@ class _Part:
     input: int
 
 
-def _merged(table: Table, output: int, input_: int) -> _Part:
-    """Return a table with points that were measured several times at one level merged into their mean."""
-    f, level = table.frequency_hz, np.full(table.frequency_hz.size, np.nan)
-    if table.level is not None:
-        level = table.level
-    key = np.stack([np.nan_to_num(level), f], axis=1)
-    _, first, back, count = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)
-    back = back.reshape(-1)
-    mean = (np.bincount(back, table.response.real) + 1j * np.bincount(back, table.response.imag)) / count
-    again = count[back] > 1
-    off = (
-        (table.response - mean[back])
-        * np.exp(-1j * np.angle(mean[back]))
-        * np.sqrt(count / np.maximum(count - 1, 1))[back]
-    )
-    scatter = np.stack([off.real, off.imag, np.abs(mean[back])], axis=1)[again]
-    arrays = {"frequency_hz": f[first], "level": level[first], "count": count.astype(float)}
+def _part(one: Averaged, output: int, input_: int) -> _Part:
+    """Return a table, whose repeated points are averaged, as one response."""
+    table, size = one.table, one.table.frequency_hz.size
+    level = np.full(size, np.nan) if table.level is None else table.level
+    arrays = {"frequency_hz": table.frequency_hz, "level": level, "count": one.count}
     if table.std is not None:
-        # repeated points are averaged; each had its own deviation
-        arrays["std"] = np.sqrt(np.bincount(back, table.std**2)) / count
+        arrays["std"] = table.std
     if table.coherence is not None:
-        arrays["coherence"] = np.bincount(back, table.coherence) / count
-    return _Part(arrays, mean.astype(np.complex128), scatter, output, input_)
+        arrays["coherence"] = table.coherence
+    return _Part(arrays, table.response, one.scatter, output, input_)
 
 
 def _joined(parts: list[_Part], unit: str, remarks: tuple[str, ...]) -> Lines:
