@@ -173,8 +173,8 @@ def _loops(
 ) -> tuple[FeedbackDesign, LearningDesign]:
     """Return the quietest feedback around which learning leaves LEFT of the band or less, and that learning.
 
-    Where none does, the one that leaves least. What the quietest of all does to a sharp mode may make the closed loop too uncertain to learn around. Raises the
-    reason against the quietest one where learning is sure around none.
+    Where none does, the one that leaves least. What the quietest of all does to a sharp mode may make the closed loop
+    too uncertain to learn around. Raises the reason against the quietest one where learning is sure around none.
     """
     grid = frequency_grid(plants[0], rate_hz)
     motion = Motion.of(price.motion_rad, price.drive_nm, round(price.allowed_s * rate_hz))

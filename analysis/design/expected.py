@@ -23,7 +23,7 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Motion:
-    """One period of a chop: `reference` (rad) and feed-forward `drive` (N m), and where its steps are over, all (n,)."""
+    """One period of a chop, all (n,): `reference` (rad), feed-forward `drive` (N m) and where its steps are over."""
 
     reference: Array
     drive: Array
