@@ -24,12 +24,15 @@ from typing import Any
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+from benchmarks.pages import TABLES  # noqa: E402
+from benchmarks.pages.marks import RESULTS, with_table  # noqa: E402
 from benchmarks.speed import BENCHMARKS  # noqa: E402
 from benchmarks.speed.base import Benchmark  # noqa: E402
 from benchmarks.speed.machine import doubt, load, machine, sources  # noqa: E402
 from benchmarks.speed.measure import measure  # noqa: E402
-from benchmarks.speed.page import PAGE, RESULTS, with_table  # noqa: E402
 from benchmarks.speed.report import SCHEMA, markdown  # noqa: E402
+
+SPEED = next(table for table in TABLES if table.name == "speed")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,7 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("\n".join(f"{b.name}: {b.work}" for b in BENCHMARKS))
         return 0
     if options.page:
-        PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), options.page), encoding="utf-8")
+        page = SPEED.page.read_text(encoding="utf-8")
+        SPEED.page.write_text(with_table(page, SPEED, options.page), encoding="utf-8")
         return 0
     chosen = [b for b in BENCHMARKS if not options.names or b.name in options.names]
     found = _measured(chosen, options.rounds or (1 if options.quick else 7), options.quick)

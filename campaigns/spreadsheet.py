@@ -18,7 +18,7 @@ _INERT = re.compile(r"'+[=+\-@\t\r\n＝＋－＠]")
 
 
 def inert(text: str) -> str:
-    """Return `text` as a cell that is no formula; what reads as a number is one and stays as it is."""
+    """Return `text` as a cell that is not a formula; what reads as a number is one and stays as it is."""
     return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text
 
 

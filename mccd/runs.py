@@ -145,7 +145,7 @@ class Run:
 def read_run(path: str | Path) -> Run:
     """Open the log at `path`, even while it is written.
 
-    Raises DataError for what is no log, is damaged, differs from its checksum, or could do harm.
+    Raises DataError for what is not a log, is damaged, differs from its checksum, or could do harm.
     """
     return Run(log.read_run(path))
 

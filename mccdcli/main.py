@@ -89,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _utf8(arguments: list[str]) -> list[str]:
-    """Return the words of a command line; raises a usage error for one that is no UTF-8, as logs and reports are."""
+    """Return the words of a command line; raises a usage error for one that is not UTF-8, as logs and reports are."""
     for word in arguments:
         try:
             word.encode("utf-8")

@@ -78,7 +78,7 @@ class Real(click.types.FloatParamType):
 
 
 class RealRange(Real, click.FloatRange):
-    """A finite number in a range; click's own lets through what is no number."""
+    """A finite number in a range; click's own lets through what is not a number."""
 
 
 class Percent(RealRange):

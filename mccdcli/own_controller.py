@@ -101,7 +101,7 @@ def _anew(folder: Path) -> str:
 def _require_same_bench(folder: Path, bench: str, identity: Identity) -> None:
     """Raise ConfigError where the logs beside a kept controller are not this bench's.
 
-    A simulated bench is told by its model; any other by who it said it was when it was measured.
+    A simulated bench is recognised by its model; any other by who it said it was when it was measured.
     """
     from campaigns.benches import bench_kind
     from campaigns.playing.campaign_run import read_state

@@ -65,7 +65,7 @@ def _own() -> Path | None:
 
 
 def load_settings(groups: Mapping[str, str], commands: Mapping[str, object]) -> Settings:
-    """Return what the files say; raises ConfigError for one that is no TOML or names a command that there is not."""
+    """Return what the files say; raises ConfigError for one that is not TOML or names a command that there is not."""
     values: dict[str, Any] = {}
     origins: dict[tuple[str, ...], Path] = {}
     for path in places():

@@ -1,4 +1,4 @@
-"""How long work still takes, told only where it is known within a factor of two."""
+"""How long work still takes, shown only where it is known within a factor of two."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ AGREED = 1.5
 class TimeLeft:
     """What is known of the time left from how far the work was at each moment, shares never falling.
 
-    A time is told while three estimates agree: by the pace from the beginning, by that of the last fifth of the time
-    gone by, and what was foretold at every moment of its later half. After a change of pace nothing is told until the
+    A time is shown while three estimates agree: by the pace from the beginning, by that of the last fifth of the time
+    gone by, and what was predicted at every moment of its later half. After a change of pace nothing is shown until the
     new one has lasted.
     """
 

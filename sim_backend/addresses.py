@@ -12,7 +12,7 @@ _first: Any = ctypes.c_char.from_buffer
 
 
 def address_of_numbers(array: NDArray[Any]) -> int:
-    """Return the address of an array's first number, 0 where it has none; the array must live as long as it is used.
+    """Return the address of the first number of an array of any shape, 0 where it has none; keep the array meanwhile.
 
     `array.ctypes.data` takes several times as long, and a trial of a study asks for some two hundred.
     """

@@ -1,6 +1,6 @@
-"""Text files that people write and programs keep, as TOML or JSON: whatever they hold, what cannot be is told.
+"""Text files that people write and programs keep, as TOML or JSON: whatever they hold, what cannot be read is reported.
 
-Every loader begins here, so that all of them refuse the same: what is no file, is too large, is no UTF-8, nests too
+Every loader begins here, so that all of them refuse the same: what is not a file, is too large, is not UTF-8, nests too
 deeply or holds a number that no program keeps exactly. What the content has to be is each loader's own.
 """
 

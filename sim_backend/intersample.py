@@ -37,6 +37,6 @@ def steps_for(u: Array, *, period: int = 0) -> Array:
 
 
 def hold_response(cycles_per_sample: Array) -> NDArray[np.complex128]:
-    """Return the zero-order hold's response, sinc(f) exp(-jπf), shape of its argument."""
+    """Return the zero-order hold's response, sinc(f) exp(-jπf), of the shape of its argument."""
     f = np.asarray(cycles_per_sample, dtype=float)
     return np.asarray(np.sinc(f) * np.exp(-1j * np.pi * f))

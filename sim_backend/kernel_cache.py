@@ -131,7 +131,7 @@ def _of_the_user() -> Path:
 
 
 def _remove_old(place: Path) -> None:
-    """Remove old entries, told by their names from what else a chosen folder may hold."""
+    """Remove old entries, recognised by their names among what else a chosen folder may hold."""
     limit = time.time() - KEPT_DAYS * 86_400
     try:
         ours = [entry for entry in os.scandir(place) if _OURS.match(entry.name)]

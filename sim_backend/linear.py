@@ -95,7 +95,7 @@ class ModalModel:
         )
 
     def driven_by(self, inputs: Sequence[int] | NDArray[np.intp]) -> ModalModel:
-        """Return the model from those of its inputs that are numbered, in their order."""
+        """Return the model from those of its inputs whose numbers (k,) are given, in their order."""
         keep = list(inputs)
         return self.with_(
             b=self.b[:, keep], b_direct=self.b_direct[:, keep], d=self.d[:, keep], delay_s=self.delay_s[keep]
@@ -219,7 +219,7 @@ class Taps:
 def delay_taps(delay_samples: float) -> Taps:
     """Return the held samples that together act as the input `delay_samples` ago (not necessarily whole) does.
 
-    A held input that arrives between two samples is no sequence of held samples. A plant answers to it as to the cubic
+    A held input that arrives between two samples is not a sequence of held samples. A plant answers it as the cubic
     through the nearest four that have been, to third order in the angle per sample (Lagrange's interpolation). On a
     straight line between two, at a part f of a sample, what is fast would lose f (1 - f)/2 of the squared angle: more
     than a first-order lag of half a sample differs from a delay.
@@ -297,7 +297,7 @@ def _block(omega_rad_s: Array, sigma_1_s: Array, one: Array, times: Array) -> Ar
 
 
 def nonzero(lengths: Array) -> Array:
-    """Return `lengths`, one for what has none: something to divide by."""
+    """Return `lengths`, any shape, with one for what has none: something to divide by."""
     return np.where(lengths > 0.0, lengths, 1.0)
 
 

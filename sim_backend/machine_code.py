@@ -55,7 +55,7 @@ _ASKED_FOR = ("vendor_id", "cpu family", "model", "flags")
 
 
 def _processor() -> str:
-    """Return what LLVM goes by when it compiles for this processor, told by the system or else by LLVM itself."""
+    """Return what LLVM goes by when it compiles for this processor, as stated by the system or else by LLVM itself."""
     try:
         with open("/proc/cpuinfo", encoding="ascii", errors="replace") as file:
             first = [line.partition(":") for line in takewhile(str.strip, file)]

@@ -18,7 +18,7 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8  # the numbers of glib
 def keep_freed_memory(
     kept_bytes: int = KEPT_BYTES, largest_bytes: int = LARGEST_BYTES, *, one_heap: bool = False
 ) -> bool:
-    """Let this process keep memory that is free again; return False where the C library is none that can be told.
+    """Let this process keep memory that is free again; return False where the C library does not take this.
 
     Of what a settling trial gives back, the next one asks for 830 pages again, which the system fills with zeros: 2 of
     16 ms (benchmarks/results/study-shares-2026-11-21.json), more where MALLOC_TRIM_THRESHOLD_ is set, as dask sets it
@@ -34,7 +34,7 @@ def keep_freed_memory(
 
 
 def keep_long_arrays() -> bool:
-    """Let a diagnosis keep what it frees, all threads together; return False where the C library cannot be told.
+    """Let all threads of a diagnosis keep what they free; return False where the C library does not take this.
 
     Else a tenth of its time goes to the system, for the same pages again and again (docs/speed.md).
     """

@@ -38,8 +38,8 @@ def scaled_roots(coefficients: ArrayLike) -> ComplexArray:
 def real_pairs(roots: ArrayLike, alone: tuple[complex, ...] = ()) -> list[tuple[complex, complex | None]]:
     """Return roots as conjugate pairs, pairs of neighbouring real roots and at most one single.
 
-    Every root in `alone` is taken out first and stands by itself. Real roots are paired nearest first, so a
-    double root shares one pair. Raises ConfigError when a complex root lacks its conjugate.
+    `roots` are (n,). Every root in `alone` is taken out first and stands by itself. Real roots are paired nearest
+    first, so a double root shares one pair. Raises ConfigError when a complex root lacks its conjugate.
     """
     left = list(np.asarray(roots, dtype=complex))
     pairs: list[tuple[complex, complex | None]] = []
@@ -95,9 +95,9 @@ def block_numerator(
 def modal_from_zpk(zeros_1_s: ArrayLike, poles_1_s: ArrayLike, gain: float) -> ModalModel:
     """Return gain Π(s - zeros) / Π(s - poles) as a ModalModel, modes by rising frequency.
 
-    The gain is in output units per input unit times (s⁻¹)^(poles - zeros). Each block gets `b` = 1, `c` and
-    `c_rate` from the partial fraction (n1 s + n0)/(s² + 2 sigma s + omega²), v being dq/dt. Raises
-    ConfigError when the fraction is improper, the poles are not conjugate or their number is odd.
+    Zeros are (m,), poles (n,), in s⁻¹. The gain is in output units per input unit times (s⁻¹)^(poles - zeros). Each
+    block gets `b` = 1, `c` and `c_rate` from the partial fraction (n1 s + n0)/(s² + 2 sigma s + omega²), v being dq/dt.
+    Raises ConfigError when the fraction is improper, the poles are not conjugate or their number is odd.
     """
     zeros, poles = np.asarray(zeros_1_s, dtype=complex), np.asarray(poles_1_s, dtype=complex)
     if zeros.size > poles.size:
@@ -130,8 +130,8 @@ def modal_from_zpk(zeros_1_s: ArrayLike, poles_1_s: ArrayLike, gain: float) -> M
 def modal_from_polynomial(numerator: ArrayLike, denominator: ArrayLike, output_scale: float = 1.0) -> ModalModel:
     """Return numerator(s)/denominator(s), highest power first, as a ModalModel.
 
-    `output_scale` turns the output into SI. Example: Table 6.2 gives mrad per N m, so `output_scale` is 1e-3.
-    Raises ConfigError as `modal_from_zpk` does.
+    Coefficients are (m,) and (n,). `output_scale` turns the output into SI. Example: Table 6.2 gives mrad per N m, so
+    `output_scale` is 1e-3. Raises ConfigError as `modal_from_zpk` does.
     """
     num, den = (
         np.atleast_1d(np.asarray(numerator, dtype=float)),

@@ -16,7 +16,7 @@ LEAST = 1e-60
 
 
 def first_absurd(values: Array) -> tuple[int, ...] | None:
-    """Return the position of the first entry that no sensor reads, None where there is none."""
+    """Return the position of the first of `values`, any shape, that no sensor reads; None where there is none."""
     if (
         not values.size or max(float(np.max(values)), -float(np.min(values))) <= MOST
     ):  # false for NaN, which both pass on
@@ -30,5 +30,5 @@ def said(value: float) -> str:
 
 
 def with_gaps(values: Array) -> Array:
-    """Return the entries with NaN for all that no sensor reads, the very same array where there is none."""
+    """Return `values`, any shape, with NaN for all that no sensor reads; the very same array where there is none."""
     return values if first_absurd(values) is None else np.where(np.abs(values) <= MOST, values, np.nan)

@@ -47,7 +47,7 @@ def write_bytes(path: Path, data: bytes, mode: int = READABLE) -> Path:
 def whole_file(path: Path, *, replace: bool = True, mode: int = READABLE) -> Iterator[BinaryIO]:
     """Give a new file that may be written at any place; leaving the block brings it to the disk and names it `path`.
 
-    An exception removes it. Raises ConfigError for a path that is no ordinary file or, unless it may `replace`, is
+    An exception removes it. Raises ConfigError for a path that is not an ordinary file or, unless it may `replace`, is
     taken; OSError that names `path` when the disk does not take it.
     """
     require_ordinary(path)
@@ -113,7 +113,7 @@ def give_name(hidden: Path, path: Path, *, replace: bool) -> None:
 def require_ordinary(path: Path) -> None:
     """Raise ConfigError where `path` is something that a file cannot replace: a folder, a device, a pipe.
 
-    So does a name that is no UTF-8 text: checksums and lists of files could not hold it.
+    So does a name that is not UTF-8 text: checksums and lists of files could not hold it.
     """
     if path.name != path.name.encode("utf-8", "replace").decode("utf-8"):
         raise ConfigError(f"the name {str(path)!r} holds bytes that are no UTF-8 text; choose another")
@@ -131,7 +131,7 @@ def require_ordinary(path: Path) -> None:
 def require_new_or_own(path: Path, is_own: Callable[[bytes], bool], what: str) -> None:
     """Raise ConfigError unless `path` can be written and holds nothing, or what `is_own` by its first bytes.
 
-    What would be written in the end is told now, before any work: `what` names it. Raises OSError that names `path`
+    What would be written in the end is reported now, before any work: `what` names it. Raises OSError that names `path`
     where its folder takes no file.
     """
     require_ordinary(path)

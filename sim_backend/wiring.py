@@ -164,7 +164,7 @@ def _batches(acting: list[tuple[_Wire, _Put, int]]) -> list[list[tuple[_Wire, _P
 
 
 def _is_to_mode(put: _Put, places: Places) -> bool:
-    """Tell whether an effect at a location that is no channel acts on a mode."""
+    """Tell whether an effect at a location that is not a channel acts on a mode."""
     target = put.where.rpartition("->")[2]
     channels = *places.inputs, *places.actuators
     return put.kind.site is Site.STRUCTURE and target not in channels and is_mode(target)

@@ -145,26 +145,26 @@ def cut_off(tab: Tab) -> list[str]:
 
     Tables and code may scroll by themselves; figures, texts and controls have to fit.
     """
-    script = """
+    script = """{
       const shown = e => e.checkVisibility() && e.getBoundingClientRect().width > 0;
       const scrolls = e => e.closest('.scroll') !== null;
       [...document.querySelectorAll('body *')]
         .filter(e => shown(e) && !scrolls(e) && !e.closest('.skip') && !(e.closest('svg') && e.tagName !== 'svg'))
         .filter(e => { const r = e.getBoundingClientRect(); return r.right > innerWidth + 1 || r.left < -1; })
         .map(e => `${e.tagName} ${e.id} ${e.className.baseVal ?? e.className}: ${e.textContent.trim().slice(0, 40)}`)
-    """
+    }"""
     found: list[str] = tab.run(script)
     return found
 
 
 def small_print(tab: Tab) -> float:
     """Return the smallest size in CSS pixels in which a text of a figure on the page is seen."""
-    script = """
+    script = """{
       const seen = e => e.getBoundingClientRect().width > 0 && e.textContent.trim();
       [...document.querySelectorAll('figure svg text')].filter(seen).map(e => {
         const svg = e.closest('svg'), scale = svg.getBoundingClientRect().width / svg.viewBox.baseVal.width;
         return scale * parseFloat(getComputedStyle(e).fontSize); }).reduce((x, y) => Math.min(x, y), 99)
-    """
+    }"""
     return float(tab.run(script))
 
 
@@ -179,7 +179,7 @@ def nameless(tab: Tab) -> int:
 
 def least_contrast(tab: Tab) -> float:
     """Return the lowest contrast of text with its ground on the page, as WCAG 2 counts it."""
-    script = """
+    script = """{
       const parse = c => c.match(/[\\d.]+/g).map(Number);
       const linear = v => (v /= 255) <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
       const light = c => { const [r, g, b] = parse(c).map(linear); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
@@ -190,7 +190,7 @@ def least_contrast(tab: Tab) -> float:
       [...document.querySelectorAll(texts)].map(e => {
         const [a, b] = [light(getComputedStyle(e).color), light(ground(e))].sort((x, y) => y - x);
         return (a + 0.05) / (b + 0.05); }).reduce((x, y) => Math.min(x, y))
-    """
+    }"""
     return float(tab.run(script))
 
 

@@ -37,7 +37,7 @@ def exact_step(plant: Plant, dt_s: float) -> tuple[Array, Array]:
 def move(
     plant: Plant, hidden: Sequence[Hidden], excitation: Excitation, start: Array, rng: np.random.Generator
 ) -> Motion:
-    """Return the true motion under `hidden` effects from modal states `start` (modes of the case's plant, 2)."""
+    """Return the true motion under `hidden` effects from modal states `start` (modes, 2) of the case's plant."""
     for effect in hidden:
         plant = effect.on_plant(plant)
     drive = excitation.fine(excitation.command)

@@ -87,8 +87,8 @@ def _bound_of_chance(metric: Metric, effect: Hidden) -> dict[str, float]:
 def held_out_floor(campaign: Campaign, hidden: Sequence[Hidden], readings: list[Array]) -> float:
     """Return the error that the truth leaves in the held-out readings: rms ÷ rms about the mean, over all axes.
 
-    It is that of the true structure with the true parameters, so what is fitted to the same data can only be worse:
-    noise, small unmodelled modes, chance and rounding.
+    `readings` (n, axes) are those of every run. It is that of the true structure with the true parameters, so what is
+    fitted to the same data can only be worse: noise, small unmodelled modes, chance and rounding.
     """
     known = [effect for effect in hidden if effect.predictable]
     predicted = campaign.readings(known, [np.zeros_like(y) for y in readings])

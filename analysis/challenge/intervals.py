@@ -43,7 +43,10 @@ def quantile_interval(values: Sequence[float], part: float) -> tuple[float, floa
 def bootstrap_interval(
     groups: Sequence[Array], statistic: Callable[[Array], float], rng: np.random.Generator
 ) -> tuple[float, float]:
-    """Return the percentile interval of a statistic of all numbers, resampling whole `groups` (numbers of one case)."""
+    """Return the percentile interval of a statistic of all numbers, resampling whole `groups`.
+
+    Each group (n,) holds the numbers of one case; not-a-number without groups.
+    """
     if not groups:
         return float("nan"), float("nan")
     drawn = rng.integers(len(groups), size=(_RESAMPLES, len(groups)))

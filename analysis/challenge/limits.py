@@ -192,23 +192,23 @@ class Distances:
 
     def _moved(self, size: float) -> bool:
         """Tell whether the nominal numbers follow the effect at a size that is known."""
-        return bool(np.max(np.abs(self._known[size][0].knobs)) > _STILL)
+        return bool(np.max(np.abs(self._known[size][0].tuned)) > _STILL)
 
     def _adjusted(self, size: float) -> tuple[Metric, Array]:
         hidden = [self._effect.resized(size)]
         metric = self._metric
         if self._known:
             near = self._nearest(size)
-            knobs = np.clip(self._known[near][0].knobs * (size / near), -_FARTHEST, _FARTHEST)
-            if np.max(np.abs(knobs)) > _STILL:
-                metric = Metric.of(metric.campaign, knobs)
+            tuned = np.clip(self._known[near][0].tuned * (size / near), -_FARTHEST, _FARTHEST)
+            if np.max(np.abs(tuned)) > _STILL:
+                metric = Metric.of(metric.campaign, tuned)
         vector = metric.signature(hidden)
         for _ in range(_ADJUSTMENTS):
             step = metric.step(vector)
             if not np.max(np.abs(step)) > _STILL:
                 break
             # a step is kept within what a mode's width allows
-            metric = Metric.of(metric.campaign, metric.knobs + step * min(1.0, _STRIDE / float(np.max(np.abs(step)))))
+            metric = Metric.of(metric.campaign, metric.tuned + step * min(1.0, _STRIDE / float(np.max(np.abs(step)))))
             vector = metric.signature(hidden)
         return metric, vector
 

@@ -104,7 +104,7 @@ def make_case(folder: Path, plan: Plan, seed: int, index: int) -> Case:
 
 
 def write_run(path: Path, case: str, run: Run, reading: Array, rng: np.random.Generator) -> None:
-    """Write one run as a log that tells nothing but what was played and read.
+    """Write one run, its `reading` (n, axes) in rad, as a log that tells nothing but what was played and read.
 
     Its clock is the bench's: it begins at a fixed time and ends by its length, whenever it was computed. The
     temperature is read with noise of 1 mK.

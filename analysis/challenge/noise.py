@@ -23,11 +23,11 @@ class Noise:
     zeros: tuple[float, ...]
 
     def coefficients(self) -> tuple[Array, Array]:
-        """Return numerator and denominator of H."""
+        """Return numerator (zeros + 1,) and denominator (poles + 1,) of H, highest power of z first."""
         return np.atleast_1d(np.poly(self.zeros)), np.atleast_1d(np.poly(self.poles))
 
     def draw(self, n: int, rng: np.random.Generator) -> Array:
-        """Return `n` samples of stationary noise: a first stretch, long against the slowest pole, is thrown away."""
+        """Return stationary noise (n,): a first stretch, long against the slowest pole, is thrown away."""
         numerator, denominator = self.coefficients()
         lead = int(8.0 / (1.0 - max((0.0, *self.poles)))) + 1
         return np.asarray(self.std * scipy.signal.lfilter(numerator, denominator, rng.standard_normal(lead + n))[lead:])
@@ -38,7 +38,7 @@ class Noise:
         return np.asarray(scipy.signal.lfilter(denominator, numerator, values, axis=0) / self.std)
 
     def density(self, frequency_hz: Array, rate_hz: float) -> Array:
-        """Return the spectrum in units of that of white noise of unit variance per sample."""
+        """Return the spectrum (n_f,) at `frequency_hz`, over that of white noise of unit variance per sample."""
         numerator, denominator = self.coefficients()
         _, response = scipy.signal.freqz(numerator, denominator, worN=frequency_hz, fs=rate_hz)
         return np.asarray(self.std**2 * np.abs(response) ** 2)

@@ -1,4 +1,4 @@
-"""The hidden plant: mechanical modes of a one- or two-axis bench, drawn at random, and the nominal model told of it."""
+"""The hidden plant: mechanical modes of a one- or two-axis bench, drawn at random, and its nominal model."""
 
 from __future__ import annotations
 

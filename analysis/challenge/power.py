@@ -43,7 +43,7 @@ def random_energy(effect: Hidden, campaign: Campaign) -> float:
 def energy_beyond_amplifiers(effect: Hidden, campaign: Campaign) -> float:
     """Return what the noise of an amplifier, at any axis and of any bandwidth, leaves of d².
 
-    Noise that grows with the angle is told by when it is loud, which no noise of an amplifier explains.
+    Noise that grows with the angle is recognised by when it is loud, which no noise of an amplifier explains.
     """
     if not isinstance(effect, BroadbandVibration):
         return random_energy(effect, campaign)

@@ -54,7 +54,7 @@ def is_diagnosis(path: str) -> bool:
 
 
 def is_model(path: str) -> bool:
-    """Tell whether a path names a model; raises ConfigError for a file of TOML or JSON that is no valid one."""
+    """Tell whether a path names a model; raises ConfigError for a file of TOML or JSON that is not a valid one."""
     if path in bundled_models():
         return True
     if not Path(path).is_file() or Path(path).suffix.lower() not in (".toml", ".json"):

@@ -93,7 +93,8 @@ def design_learning(
 ) -> LearningDesign:
     """Return the learning around `controller` below `cutoff_hz`; the first plant is the identified one.
 
-    Raises ConfigError when it is not sure that the error shrinks to SURE_FACTOR per period or less.
+    `grid_hz` (n_f,) are the frequencies at which the error has to shrink. Raises ConfigError when it is not sure that
+    the error shrinks to SURE_FACTOR per period or less.
     """
     rate = controller.rate_hz
     f = grid_hz[grid_hz >= 0.5]

@@ -24,9 +24,9 @@ ALPHA_DEG = {"theta_x": 0.0, "theta_y": 90.0}
 
 STAGES = {
     "designed-linear": "modes of the mechanism",
-    "designed-modes": "and of the cryostat",
-    "designed-hysteresis": "and magnetic hysteresis",
-    "designed": "and learned",
+    "designed-modes": "modes of the mechanism and the cryostat",
+    "designed-hysteresis": "all modes and magnetic hysteresis",
+    "designed": "all modes and magnetic hysteresis, and learns",
 }
 """What each strategy knows, in the order in which knowledge is added."""
 

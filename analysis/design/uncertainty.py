@@ -41,7 +41,7 @@ def drawn_plants(
 ) -> list[ModalModel]:
     """Return `count` plants of one axis, the identified one first, each parameter independently Gaussian.
 
-    A pair of real poles is no mode but what an amplifier and the like add: of its frequency, damping and participation
+    Two real poles are not a mode, but of an amplifier or the like. Of frequency, damping and participation
     the file states what each alone is known to, which together is far better. Both poles move by the tolerance of
     damping instead, at the same gain at rest.
     """

@@ -316,7 +316,7 @@ def _answer(found: Found, data: Dataset, tuned: Fit, best: Fit, model: Model, se
 def _checked(
     judgement: Judgement, data: Dataset, answer: _Answer, shown: Mapping[str, Sequence[Domain]], *, repeats: bool
 ) -> tuple[Judgement, str]:
-    """Return the verdict that held-out samples and evidence leave of one, and in words what is no steady noise."""
+    """Return the verdict that held-out samples and evidence leave of one, and in words what is not steady noise."""
     unsteady, played = reservation(judgement.verdict, shown), follows_play(shown)
     if growing := scatter_follows_play(data, answer.after):
         unsteady, played = growing, True

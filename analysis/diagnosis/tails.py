@@ -15,7 +15,7 @@ from sim_backend.linear import Array
 
 
 def chi2_tail(statistic: Array | float, dof: float) -> Any:
-    """Return the chance that a sum of squares of `dof` unit normals is at least `statistic`."""
+    """Return the chance that a sum of squares of `dof` unit normals is at least `statistic`, any shape."""
     return scipy.special.chdtrc(dof, np.maximum(statistic, 0.0))
 
 
@@ -25,7 +25,7 @@ def chi2_limit(chance: float, dof: float) -> float:
 
 
 def f_tail(ratio: Array | float, dof: Array | float, other_dof: Array | float) -> Any:
-    """Return the chance that a ratio of mean squares with these degrees of freedom is at least `ratio`."""
+    """Return the chance that a ratio of mean squares with these degrees of freedom is at least `ratio`, any shape."""
     return scipy.special.fdtrc(dof, other_dof, np.maximum(ratio, 0.0))
 
 

@@ -17,7 +17,7 @@ OVERLAP_VARIANCE = 1.0 + 2.0 / 36.0
 """Neighbouring Hann pieces that half overlap are correlated by 1/6: their mean varies that much more than of others."""
 
 SEPARABLE = 1e8
-"""Largest condition of the inputs' normalised spectra at which double precision can still tell them apart."""
+"""Largest condition of the inputs' normalised spectra at which double precision can still distinguish them."""
 
 
 @dataclass(frozen=True)

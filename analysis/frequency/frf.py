@@ -126,7 +126,10 @@ def _checked(first: Array, outputs: Array, drop: int) -> tuple[Array, Array]:
 
 
 def excited_lines(spectrum: ComplexArray, floor: float) -> NDArray[np.intp]:
-    """Return the bins (without 0 Hz and half the rate) whose mean power is above `floor` times the strongest bin's."""
+    """Return the bins (k,) whose mean power is above `floor` times that of the strongest, no 0 Hz or half the rate.
+
+    `spectrum` is (channel, realisation, period, n_f). Raises DataError when no bin has any power.
+    """
     first = spectrum[:, :, 0]
     power = np.mean(first.real**2 + first.imag**2, axis=(0, 1))
     power[0] = power[-1] = 0.0

@@ -117,7 +117,7 @@ def frequency_response_welch(
 ) -> FrequencyResponse:
     """Return the averaged (H1) response of a long record from half-overlapping Hann segments of `segment` samples.
 
-    Shapes as `frequency_response_local`. Leakage biases sharp resonances; use local polynomials where that matters.
+    Shapes as in `frequency_response_local`. Leakage biases sharp resonances; use local polynomials where that matters.
     Neighbouring lines are correlated by the window. Raises DataError when there are too few segments.
     """
     _checked(inputs, outputs, reference)

@@ -60,7 +60,7 @@ class Moved:
 def moved_by(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> list[Moved] | None:
     """Return what each drive moves in records (n, n_u) and (n, n_y); None unless every reading is one drive's.
 
-    One axis at least has to be free, or all have to rub: what is held and does not rub is no case for a balance.
+    One axis at least has to be free, or all have to rub: what is held and does not rub is not a case for a balance.
     """
     n_u, n_y = inputs[0].shape[1], outputs[0].shape[1]
     if n_u > n_y:

@@ -30,8 +30,8 @@ class BlockMatrices:
 def block_matrices(omega_rad_s: Array, sigma_1_s: Array, hold_rate_hz: float | None) -> BlockMatrices:
     """Return the matrices of blocks driven by a unit force, continuous or behind a zero-order hold.
 
-    Behind a hold, [A E; 0 A] is exponentiated, whose upper right block is the exact derivative in direction E
-    (Van Loan 1978); it needs no case for rigid bodies or equal poles.
+    Frequencies and decay rates are (m,). Behind a hold, [A E; 0 A] is exponentiated, whose upper right block is the
+    exact derivative in direction E (Van Loan 1978); it needs no case for rigid bodies or equal poles.
     """
     a, b, da, db = continuous(omega_rad_s, sigma_1_s)
     if hold_rate_hz is None:
@@ -51,7 +51,7 @@ def block_matrices(omega_rad_s: Array, sigma_1_s: Array, hold_rate_hz: float | N
 
 @njit
 def continuous(omega_rad_s: Array, sigma_1_s: Array) -> tuple[Array, Array, Array, Array]:
-    """Return the arrays of `BlockMatrices` in continuous time."""
+    """Return the arrays of blocks of frequency and decay rate (m,) in continuous time, see `BlockMatrices`."""
     m = omega_rad_s.size
     a, b, da, db = np.zeros((m, 2, 2)), np.zeros((m, 2)), np.zeros((2, m, 2, 2)), np.zeros((2, m, 2))
     for i in range(m):

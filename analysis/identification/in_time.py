@@ -54,7 +54,10 @@ def fit_in_time(
 
 
 def in_a_loop(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float, blocks: int) -> bool:
-    """Tell by a fit of so many blocks to some samples of the longest record whether a loop answers at once."""
+    """Tell by a fit of so many blocks to some samples of the longest record whether a loop answers at once.
+
+    Records are (n, n_u) and (n, n_y).
+    """
     longest = max(range(len(inputs)), key=lambda i: inputs[i].shape[0])
     u, y = [inputs[longest][:_SOME_ROWS]], [outputs[longest][:_SOME_ROWS]]
     return answers_at_once(fit_records(u, y, rate_hz, blocks, rigid_bodies=None), u, y)

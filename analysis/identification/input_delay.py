@@ -114,8 +114,9 @@ def _free_delays(
 ) -> list[TimeFit]:
     """Return fits whose delay is free, begun at `base` (n_u,) samples: with all modes, and with ever fewer fast ones.
 
-    Each begins where the one before ended, until giving up modes does not pay any more. Whole samples of what is found
-    are moved into the records, and it is fitted again: otherwise the first samples lack the commands before them.
+    Each begins where the one before ended, until giving up modes does not pay any more, or cannot: fewer never explain
+    more. Whole samples of what is found are moved into the records, and it is fitted again: otherwise the first samples
+    lack the commands before them.
     """
     free = replace(structure, delay=True)
     earlier = np.maximum(base - _EARLIER, 0)
@@ -133,7 +134,7 @@ def _free_delays(
         least = min(late.criterion, least)
         if np.all(_known(late)):
             found.append(late)
-        if start.n_blocks == 1 or worse == _PATIENCE:
+        if start.n_blocks == 1 or worse == _PATIENCE or late.unpenalised > least:
             return found
         start = _slower(late.model.with_(delay_s=late.model.delay_s - earlier / rate_hz))
 
@@ -169,7 +170,7 @@ def _doubtful(fit: TimeFit) -> int:
 
 
 def _known(fit: TimeFit) -> NDArray[np.bool_]:
-    """Return which delays (n_u,) are none, or differ from none by what is no uncertainty of theirs.
+    """Return which delays (n_u,) are none, or differ from none by what is not an uncertainty of theirs.
 
     Where no linear model explains the record, the evidence counts a little help as much.
     """

@@ -36,7 +36,8 @@ def fit_lines(
 ) -> RationalFit:
     """Fit all lines from `start`, or from starts searched on about a thousand of them, twice: one may be poor.
 
-    `delay` lets every input be late; by default where nothing is held (`hold` is None).
+    `variance` is of the shape of the response, (n_f, n_y, n_u). `delay` lets every input be late; by default where
+    nothing is held (`hold` is None).
     """
     f = measured.frequency_hz
     usable = tuple(n for n in orders if 4 * n < f.size) or orders[:1]
@@ -67,7 +68,7 @@ def fit_lines(
 
 
 def pooled_variance(measured: FrequencyResponse) -> Array | None:
-    """Return the variance to weight by, or None: a record of one period and no spare realisation has none.
+    """Return the variance (n_f, n_y, n_u) to weight by; None for one period without a spare realisation.
 
     Pooled over neighbouring lines, because one line's own has too few degrees of freedom to divide by.
     """

@@ -153,7 +153,7 @@ def determined(model: ModalModel, layout: Layout) -> NDArray[np.bool_]:
 
 
 def step_limit(layout: Layout) -> Array:
-    """Return how far one step may move each free parameter: a factor e in a frequency or a decay rate."""
+    """Return how far one step may move each free parameter (k,): a factor e in a frequency or a decay rate."""
     limit = np.full(layout.size, np.inf)
     limit[layout.span("log_omega")] = limit[layout.span("log_sigma")] = 1.0
     return limit[layout.free]

@@ -129,8 +129,9 @@ def scaled_system(
 ) -> tuple[Array, Array, Array]:
     """Return the equations for sigma with columns of length one, their right-hand side and the columns' lengths.
 
-    The relaxed normalisation is the last one: the real part of sigma sums to the number of lines. `size` is that of
-    the weighted data.
+    `point` is (n_f,), `data` and `weights` (n_f, entries), `poles` (n,); the system is (entries · n + 1, n). The
+    relaxed normalisation is the last row: the real part of sigma sums to the number of lines. `size` is that of the
+    weighted data.
     """
     # called from here and not from compiled code, in which `reduced` would be compiled a second time
     triangle, sums = reduced(point, data, weights, poles, feedthrough, True)
@@ -181,7 +182,7 @@ def companion(poles: ComplexArray, sigma: Array) -> tuple[Array, bool]:
 
 @njit
 def settled(real: Array, imag: Array, before: ComplexArray, sampled: bool) -> tuple[ComplexArray, float]:
-    """Return eigenvalues as stable poles, each conjugate right behind its upper partner, and their relative change.
+    """Return eigenvalues (n,) as stable poles, each conjugate behind its upper partner, and their relative change.
 
     Unstable ones are reflected, those on the border moved just inside. Changes are relative to the distance from a
     pole of frequency zero.

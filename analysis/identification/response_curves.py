@@ -49,7 +49,7 @@ def curves_of_periods(
 
 
 def curve_of_sweep(sweep: Sweep, input_: str, output: str) -> ResponseCurve:
-    """Return the response of one axis; a stepped sine tells all that is no sine of its frequency as noise."""
+    """Return the response of one axis; of a stepped sine, all that is not a sine of its frequency counts as noise."""
     return _curve(output, input_, sweep.frequency_hz, sweep.response, sweep.variance, sweep.variance)
 
 

@@ -78,7 +78,12 @@ def make_target(
     hold_rate_hz: float | None,
     magnitude_only: bool = False,
 ) -> Target:
-    """Return the checked target with weights."""
+    """Return the target of a fit, checked, with weights from `variance`.
+
+    `frequency_hz` is (n_f,), `response` and `variance` (n_f, n_y, n_u) in output units per input unit (squared).
+    Raises ConfigError for other shapes or frequencies above half the hold rate, DataError for fewer than four lines,
+    lines that do not ascend, numbers that are not finite, or a variance of another shape or not positive.
+    """
     # copies, so that compiled code sees one kind of array only: its own, in the order of rows
     f, g = np.array(frequency_hz, dtype=float, order="C"), np.array(response, dtype=complex, order="C")
     if g.ndim != 3 or g.shape[0] != f.size:

@@ -43,7 +43,7 @@ _FLAT = 10.0
 
 @dataclass(frozen=True)
 class Table:
-    """A response (n,) by rising frequency at each level of excitation, with the units of output and input, if told.
+    """A response (n,) by rising frequency at each level of excitation, with the units of output and input, if stated.
 
     `std` (n,) is the standard deviation of the magnitude, in its unit, and over it that of the phase in rad;
     `coherence` (n,) is the ordinary one, 0 to 1. Both are None where the table has no such column. `remarks` say what
@@ -179,7 +179,7 @@ def _usable(path: Path, f: Array, response: ComplexArray, values: dict[str, Arra
 def _spread(
     path: Path, values: dict[str, Array], factor: float, units: dict[str, str], keep: Any
 ) -> tuple[Array | None, Array | None]:
-    """Return standard deviation in the unit of the magnitude and coherence, each (n,) or None where not all is told."""
+    """Return standard deviation (the magnitude's unit) and coherence, each (n,) or None where not all is stated."""
     std, coherence = values.get("std"), values.get("coherence")
     if std is not None:
         if units.get("std", "").lower().startswith("db") or units.get("magnitude", "").lower().startswith("db"):

@@ -1,4 +1,4 @@
-"""The swing from the start of a periodic record, taken out of it: what dies away is no noise.
+"""The swing from the start of a periodic record, taken out of it: what dies away is not noise.
 
 Periods of a steady state differ by noise. A light mode that was set swinging by the start makes them differ as well,
 for 1 / (decay rate · period) periods, and that difference would count as noise. It is a free swing of the modes, whose

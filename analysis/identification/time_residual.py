@@ -96,7 +96,7 @@ def model_outputs(target: TimeTarget, vector: Array, layout: Layout) -> list[Arr
 
 
 def whitened_cost(target: TimeTarget, vector: Array, layout: Layout) -> float:
-    """Return the sum of squares of the whitened error."""
+    """Return the sum of squares of the whitened error at a parameter `vector` (p,), nuisances of all records behind."""
     skip, cost = target.whitening.shape[1] - 1, 0.0
     for measured, modelled in zip(target.outputs, model_outputs(target, vector, layout), strict=True):
         for o in range(measured.shape[1]):
@@ -106,7 +106,7 @@ def whitened_cost(target: TimeTarget, vector: Array, layout: Layout) -> float:
 
 
 def time_normal_equations(target: TimeTarget, vector: Array, layout: Layout) -> Normal:
-    """Return cost, J'r and J'J over the model's parameters and all nuisance parameters, record by record."""
+    """Return cost, J'r (p,) and J'J (p, p) over the model's and all nuisance parameters, `vector` (p,)."""
     places = nuisances(layout, len(target.inputs))
     modelled = model_outputs(target, vector, layout)
     gradient, hessian, cost = np.zeros(vector.size), np.zeros((vector.size, vector.size)), 0.0

@@ -24,7 +24,7 @@ _ORDERS = (2, 4, 8, 16)
 """Lags of each signal: a regression of few may stop at what noise is, one of many at what it costs."""
 
 LATEST = 64
-"""Samples: more is no delay of a drive's electronics; and columns of inputs that are solved at once."""
+"""Samples: more is not a delay of a drive's electronics; and columns of inputs that are solved at once."""
 
 BEGINNING_ROWS = 20_000
 """Samples of the longest record from which a delay is determined."""

@@ -119,7 +119,7 @@ class _Answer(BaseHTTPRequestHandler):
 def show(watching: Watch, period_s: float, port: int, tell: Callable[[str], None]) -> Snapshot:
     """Show the run in the browser until Ctrl-C and return what was last known of it; `tell` gets the address.
 
-    `port` 0 takes a free one. A log that is replaced is followed anew; one that cannot be read any more is told on the
+    `port` 0 takes a free one. A replaced log is followed anew; one that can no longer be read is reported on the
     page, and tried again. Raises ConfigError for a port that cannot be had, else as `Watch.look` at the first look.
     """
     seen, state = patiently(lambda: look(watching, time.monotonic()), watching.path)

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def finite(what: str, values: ArrayLike, ndim: int, least: int = 2, axis: int = 0) -> Array:
-    """Return `values` as an array of floats.
+    """Return `values`, any shape, as an array of floats.
 
     Raises DataError unless it has `ndim` dimensions, at least `least` entries along `axis` and finite numbers only;
     `what` opens the message.

@@ -77,7 +77,7 @@ def stability_of_blocks(
 ) -> ChopStability:
     """Return the same from windows that come in blocks of some cycles, two times over: memory is that of one block.
 
-    Raises as `chop_stability`.
+    Shapes and errors raised as in `chop_stability`.
     """
     target = finite("commanded angles", commanded_rad, 2, least=1)
     sums, kept = [], list[Array]()

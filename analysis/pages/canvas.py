@@ -122,7 +122,7 @@ class Canvas:
         return "\n".join(lines).replace(_KEPT, " ") or text
 
     def line(self, i: int, series: str, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
-        """Draw a curve on panel `i`, thinned where it is long, in the dash of its colour, and keep what was drawn."""
+        """Draw a curve (n,) on panel `i`, thinned where it is long, in its colour's dash, and keep what was drawn."""
         xs, ys = thinned(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         self._keep(i, series, xs, ys)
         with self._styled():
@@ -131,7 +131,7 @@ class Canvas:
             drawn.set_linestyle(_own(DASHES, drawn.get_color()))
 
     def points(self, i: int, series: str, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
-        """Draw single points on panel `i`, all of them, with the mark of their colour, and keep them."""
+        """Draw single points (n,) on panel `i`, all of them, with the mark of their colour, and keep them."""
         xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         self._keep(i, series, xs, ys)
         with self._styled():
@@ -141,7 +141,7 @@ class Canvas:
             drawn.set_marker(_own(MARKS, drawn.get_color()))
 
     def bars(self, i: int, series: str, centre: ArrayLike, height: ArrayLike, width: float, **style: Any) -> None:
-        """Draw bars on panel `i` and keep them."""
+        """Draw bars (n,) on panel `i` and keep them."""
         xs, ys = np.asarray(centre, dtype=float), np.asarray(height, dtype=float)
         self._keep(i, series, xs, ys)
         with self._styled():
@@ -300,7 +300,7 @@ def _own(looks: tuple[Any, ...], colour: Any) -> Any:
 
 
 def thinned(x: Array, y: Array, most: int = MAX_POINTS) -> tuple[Array, Array]:
-    """Return at most `most` points of a curve that look the same: every stretch keeps its extremes, in their order.
+    """Return at most `most` points of a curve (n,) that look the same: every stretch keeps its extremes in order.
 
     A stretch with a gap (NaN) keeps one row of it beside its extremes.
     """

@@ -10,7 +10,7 @@ PREFIXED = ("rad", "m", "N m", "N", "V", "A", "rad/s", "m/s", "s")
 """Units that carry a prefix."""
 
 LEAST_P = 1e-12
-"""Smallest p-value that is told: so far out no distribution's tail is known."""
+"""Smallest p-value that is stated: so far out no distribution's tail is known."""
 
 LEAST_SHARE = 1e-3
 """Smallest number of percent, and of ppm, that is printed: more zeros behind a point are not read."""
@@ -52,7 +52,7 @@ def share(part: float) -> str:
 
 
 def span(low: float, high: float, unit: str) -> str:
-    """Return "low to high unit" with one prefix for both, and digits enough to tell them apart."""
+    """Return "low to high unit" with one prefix for both, and digits enough to distinguish them."""
     largest = max(abs(low), abs(high))
     factor, shown = scaled(largest, unit)
     apart = abs(high - low)

@@ -56,7 +56,7 @@ class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 @dataclass(frozen=True)
 class Choice:
-    """One number: what it is and where, its value in SI, its unit where the name has none, and what is told of it.
+    """One number: what it is and where, its value in SI, its unit where the name has none, and what is said of it.
 
     `label` is *input*, *calibrated*, *bound* (assumed, and held by a printed bound) or *assumed*.
     """

@@ -177,7 +177,7 @@ class Measured:
     def paper_model(self, axis: str) -> ModalModel | None:
         """Return the fit in the paper's order, without its delay, one broad mode for the pair of Table 6.1; Table 6.2.
 
-        None also where a mode more than the paper's is no such pair.
+        None also where a mode more than the paper's is not such a pair.
         """
         fit = self.fit(axis)
         if fit is None:

@@ -44,7 +44,7 @@ class Row:
 
     @property
     def ok(self) -> bool | None:
-        """Whether ours agrees within the tolerance; None if unknown, or a bound that is kept: that is no agreement."""
+        """Whether ours agrees within the tolerance; None if unknown, or a bound that is kept: that is not agreement."""
         return None if self.inside and self.number.label == "bound" else self.inside
 
     @property
@@ -162,7 +162,7 @@ def build_table(
 
     `own` are those of this project's design.
 
-    Raises KeyError for a value whose key is no row, which is a mistake in the table's function.
+    Raises KeyError for a value whose key is not a row, which is a mistake in the table's function.
     """
     more = own or {}
     unknown = sorted((set(ours) | set(more)) - {n.key for n in paper.rows})

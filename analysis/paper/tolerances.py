@@ -131,7 +131,7 @@ WIDEST = 0.25
 """Largest tolerance of a prediction, as a share of its value.
 
 Of a number known to a factor of two either way, all ratios being as likely, ln(1.25/0.75)/ln 4 = 37 % would agree by
-chance. Where that is more, agreement is no finding.
+chance. Where that is more, agreement is not a finding.
 """
 
 

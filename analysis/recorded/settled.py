@@ -13,7 +13,7 @@ _STANDS_OUT = 2.0
 alone gives ratios next to one, in a hundred samples within a quarter of it."""
 
 _LOOKED_AT = 16
-"""Periods at most that are looked at from the start: what rings longer than that is no transient of a start."""
+"""Periods at most that are looked at from the start: what rings longer than that is not a transient of a start."""
 
 
 def settling_periods(parts: Sequence[tuple[Run, LogSegment]], period: int, count: int) -> int:

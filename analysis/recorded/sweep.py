@@ -35,12 +35,12 @@ class Sweep:
 
     @property
     def relative_std(self) -> Array:
-        """Standard deviation of the magnitude over the magnitude, which is also that of the phase in rad."""
+        """Standard deviation (f,) of the magnitude over the magnitude, which is also that of the phase in rad."""
         return np.asarray(np.sqrt(0.5 * self.variance) / np.abs(self.response))
 
     @property
     def magnitude_db(self) -> Array:
-        """Magnitude in dB of one output unit per input unit."""
+        """Magnitude (f,) in dB of one output unit per input unit."""
         return np.asarray(20.0 * np.log10(np.abs(self.response)))
 
 

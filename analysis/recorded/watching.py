@@ -64,7 +64,7 @@ class Misfit:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A run at one moment; `left_s` is of the clock on the wall, None until it can be told."""
+    """A run at one moment; `left_s` is of the clock on the wall, None until it is known."""
 
     run_uid: str
     test: str

@@ -19,7 +19,7 @@ THEIRS = "paper's controllers here"
 """Heads of a table that compares; elsewhere the second is called ours."""
 
 KEPT = "kept"
-"""Mark of a row that lies within a bound, which is no agreement."""
+"""Mark of a row that lies within a bound, which is not agreement."""
 
 _MARKS = {True: "yes", False: "no", None: NONE}
 
@@ -28,7 +28,7 @@ UNDETERMINED = "not determined"
 
 
 def agreement_text(row: Row) -> str:
-    """Return in a word whether ours agrees; a bound is kept, which is no agreement."""
+    """Return in a word whether ours agrees; a bound is kept, which is not agreement."""
     if not row.determined:
         return UNDETERMINED
     return KEPT if row.inside and row.ok is None else _MARKS[row.ok]

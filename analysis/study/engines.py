@@ -66,7 +66,7 @@ class _Sizes:
 class Engine:
     """An executor for trials: `begin` starts a task of some, `workers` says how many can run at once now.
 
-    A task gives what came of its trials; fewer than it was given once `stop` was called, if it can be told. Tasks are
+    A task gives what came of its trials; fewer than it was given once `stop` was called, if it can stop. Tasks are
     made to take `task_s` and, where they can be, of `whole` groups of trials.
     """
 

@@ -262,7 +262,7 @@ def _quoted(name: str) -> str:
 
 
 def _stored(value: Scalar) -> float | int | str | None:
-    """Return a value as SQLite keeps it: flags as 0 and 1, nothing for what is no number.
+    """Return a value as SQLite keeps it: flags as 0 and 1, nothing for what is not a number.
 
     Numbers come back to the last bit, only that minus zero comes back as zero.
     """

@@ -146,7 +146,7 @@ class Job:
     def _bench(self) -> Callable[[str, bytes], Model]:
         """Makes the model `name` with all its places at the float64 numbers in `drawn`: once for all points of a draw.
 
-        Raises ConfigError when that is no model.
+        Raises ConfigError when that is not a model.
         """
 
         @lru_cache(maxsize=DRAWS_KEPT)

@@ -9,10 +9,6 @@ from typing import Any
 
 from benchmarks.speed.report import limit_of, measured_of
 
-ROOT = Path(__file__).parents[2]
-PAGE, RESULTS = ROOT / "docs" / "speed.md", ROOT / "benchmarks" / "results"
-BEGIN, END = "<!-- python -m benchmarks --page", "<!-- end of the table -->"
-
 
 def table(files: Sequence[Path]) -> str:
     """Return a row for every target of these results, as Markdown; a target of two files is told from the first.
@@ -39,19 +35,3 @@ def _line(name: str, target: dict[str, Any], file: str) -> str:
     verdict = "" if target["reached"] else ", **missed**"
     link = f"[{file.removeprefix('speed-').removesuffix('.json')}](../benchmarks/results/{file})"
     return f"| {name}: {target['what']} | {limit_of(target)} | {measured_of(target)}{verdict} | {link} |"
-
-
-def with_table(page: str, files: Sequence[Path]) -> str:
-    """Return the page with the table of these results between its marks; raises ValueError where it has none."""
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise ValueError(f"the page lacks '{BEGIN} …' or '{END}'; put both where the table belongs")
-    named = " ".join(file.name for file in files)
-    return f"{before}{BEGIN} {named} -->\n\n{table(files)}\n{END}{after}"
-
-
-def files_of(page: str) -> list[Path]:
-    """Return the results that the page's table was made from, in its order."""
-    named = page.partition(BEGIN)[2].partition("-->")[0]
-    return [RESULTS / name for name in named.split()]

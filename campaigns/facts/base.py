@@ -19,7 +19,7 @@ class Fact:
 
     `name` says of which kind it is, `numbers` hold what programs need; `channel` and `segment` are empty where it is of
     all. One that `forbids` makes wrong whatever is computed from the record as it is; one that `refuses_import` as well
-    knows what to write into the map instead. One that is no `remark` is told when asked for only.
+    knows what to write into the map instead. One that is not a `remark` is shown when asked for only.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Seen:
     complete: bool = True
 
     def of_role(self, *roles: str) -> dict[str, Array]:
-        """Return the columns of these roles."""
+        """Return the columns (n,) of these roles, by channel."""
         return {name: values for name, values in self.columns.items() if self.channels[name].role in roles}
 
     @property
@@ -76,13 +76,13 @@ def changed(values: Array) -> NDArray[np.bool_]:
     return np.asarray(values[1:] != values[:-1])
 
 
-def stretches_of(at: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
+def stretches_of(at: NDArray[np.bool_], least: int = 1) -> list[tuple[int, int]]:
     """Return where the stretches of `least` samples and more begin and end (exclusive) in which `at` (n,) holds."""
     return [(int(a), int(b)) for a, b in zip(*runs_of(at), strict=True) if b - a >= least]
 
 
 def by_segment(seen: Seen, values: Array) -> Iterator[tuple[LogSegment, Array]]:
-    """Yield every segment with samples and its part of a column."""
+    """Yield every segment with samples and its part of a column (n,)."""
     for segment in seen.segments:
         if segment.rows:
             yield segment, values[segment.start : segment.stop]

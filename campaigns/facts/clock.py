@@ -23,7 +23,7 @@ LARGEST = 2e-3
 """Difference of two clocks that is searched for: quartz is off by 1e-4 at most, a computer's timer by 1e-3."""
 
 SIGNIFICANT = 6.0
-"""Standard deviations from which on a difference is told: the scatter they are of comes from few blocks."""
+"""Standard deviations from which on a difference is reported: the scatter they are of comes from few blocks."""
 
 LEAST_BLOCKS = 6
 LEAST_LINES = 4

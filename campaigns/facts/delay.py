@@ -2,7 +2,7 @@
 
 A phase that grows with frequency may be resonances as well as a delay; the first answer to an input cannot come before
 the delay is over. A motion begins small, though: where the sample before the first answer that is seen could hide a
-smaller one in the noise, the delay is bounded, not told.
+smaller one in the noise, the delay is bounded, not stated.
 """
 
 from __future__ import annotations

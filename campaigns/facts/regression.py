@@ -81,7 +81,7 @@ class Regression:
 
 
 def triangle_of(matrix: Array) -> Array:
-    """Return the upper triangle R of an orthogonal form Q R of a matrix."""
+    """Return the upper triangle R (p, p) of an orthogonal form Q R of a matrix (n, p)."""
     return np.asarray(np.linalg.qr(matrix, mode="r"))
 
 

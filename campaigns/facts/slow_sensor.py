@@ -16,7 +16,7 @@ ON_BEAT = 0.98
 """Part of the changes that fall on the beat of a slow sensor."""
 
 REPEATED = 0.02
-"""Part of the readings that repeat the one before before that is told."""
+"""Part of the readings that repeat the one before before that is reported."""
 
 
 AT_ONCE = 1_000_000

@@ -7,7 +7,7 @@ import numpy as np
 from campaigns.facts.base import Array, Fact, Seen
 
 LARGE = 0.01
-"""Step against rms from which on counts are told: its noise is then a third of a percent."""
+"""Step against rms from which on counts are reported: its noise is then a third of a percent."""
 
 MOST_VALUES = 200_000
 ON_GRID = 0.98

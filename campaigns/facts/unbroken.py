@@ -1,7 +1,7 @@
 """Whether stretches that follow one another in a log were one recording: what moves goes on where one ends.
 
 A map joins files in the order of its parts, whether one recording was cut into them or each was made by itself. What
-goes on by itself tells the two apart: a drift, a hum, a coil that warms up, the motion with which a part begins.
+goes on by itself distinguishes the two: a drift, a hum, a coil that warms up, the motion with which a part begins.
 """
 
 from __future__ import annotations

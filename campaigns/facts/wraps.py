@@ -7,7 +7,7 @@ import numpy as np
 from campaigns.facts.base import Fact, Seen
 
 OF_RANGE = 0.6
-"""A jump over so much of a channel's range, where all other steps are small, is no motion."""
+"""A jump over so much of a channel's range, where all other steps are small, is not motion."""
 
 SMALL = 0.1
 

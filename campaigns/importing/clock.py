@@ -152,7 +152,7 @@ def clock_of(stamps: Stamps, what: str, read_as: str) -> Clock:
 
 
 def grid_of(stamps: Stamps, what: str, read_as: str) -> tuple[Clock, Array]:
-    """Return the clock and the uniform grid that lies best among uneven stamps, in s after their origin.
+    """Return the clock and the uniform grid (n,) that lies best among uneven stamps, in s after their origin.
 
     Its period is the middle one of the steps; where rows are lost it goes on over the gap. Raises DataError for stamps
     that do not ascend, and for gaps that are longer than what was measured.
@@ -223,7 +223,7 @@ def _drawn(time_s: Array, values: Array, at_s: Array, method: Method) -> Array:
 
 
 def clock_start(stamps: Stamps) -> float:
-    """Return the time of the first sample for the log: none where it is a date, which is no time of the run."""
+    """Return the time of the first sample for the log: none where it is a date, which is not a time of the run."""
     return stamps.first_s if abs(stamps.first_s) < EPOCH_S else 0.0
 
 

@@ -97,7 +97,7 @@ def without_remark(line: str, separator: str, columns: int) -> str:
 
 
 def encoding_of(path: Path) -> str:
-    """Return how the text at `path` is encoded; raises DataError when it cannot be read or is no text."""
+    """Return how the text at `path` is encoded; raises DataError when it cannot be read or is not text."""
     try:
         with path.open("rb") as stream:
             start = stream.read(4)

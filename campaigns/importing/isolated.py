@@ -36,7 +36,7 @@ class IsolatedSource:
         return self._names
 
     def array(self, name: str) -> NDArray[Any] | None:
-        """Return the array of that name, None when there is none; raises DataError when it is refused."""
+        """Return the array of that name, any shape, None without one; raises DataError when it is refused."""
         said, values = self._ask(name)
         if "type" in said:
             raise DataError(f"{self.path}: '{name}' holds values of type {said['type']}: select real numbers")

@@ -1,4 +1,4 @@
-"""Which files are read by what, told by their suffixes."""
+"""Which files are read by what, by their suffixes."""
 
 from __future__ import annotations
 

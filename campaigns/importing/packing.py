@@ -18,9 +18,9 @@ PACKING = ("scale_factor", "add_offset", "_FillValue", "missing_value", "valid_m
 
 
 def unpacked(values: NDArray[Any], attributes: Mapping[str, Any]) -> NDArray[Any]:
-    """Return numbers as the attributes mean them; where a number is missing there stands not-a-number.
+    """Return numbers, any shape, as the attributes mean them; not-a-number where one is missing.
 
-    Values equal to the fill value, or outside of the valid range, are missing; both are told in packed numbers.
+    Values equal to the fill value, or outside of the valid range, are missing; both are stated in packed numbers.
     """
     known: dict[str, NDArray[Any]] = {}
     for name, value in attributes.items():

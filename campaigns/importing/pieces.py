@@ -34,7 +34,7 @@ class Pieces:
 
 
 def of_array(values: NDArray[Any]) -> Pieces:
-    """Return an array that is held whole already as one piece; one in Fortran's order is not copied."""
+    """Return an array of any shape that is held whole already as one piece; one in Fortran's order is not copied."""
     turned = not values.flags.c_contiguous and values.T.flags.c_contiguous
     plain = np.ascontiguousarray(values.T if turned else values)
     return Pieces(plain.shape, plain.dtype, lambda: iter([plain]), turned)

@@ -53,7 +53,7 @@ def flatten(values: NDArray[np.generic], axes: Sequence[Axis], what: str) -> tup
 
 
 def to_si(values: Array, channel: ChannelMap, unit: Unit, what: str) -> Array:
-    """Return `values` times the channel's scale, in SI; raises DataError naming the first one that is not finite."""
+    """Return `values` (n,) times the channel's scale, in SI; raises DataError naming the first that is not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
         si = values * (channel.scale * unit.factor) + unit.offset
     bad = np.flatnonzero(~np.isfinite(si))
@@ -86,7 +86,7 @@ def check_lengths(layouts: Mapping[str, Layout], where: str) -> Layout:
 
 
 def check_varies(parts: Sequence[Array], name: str, channel: ChannelMap) -> None:
-    """Raise DataError when an input or output has one value throughout and the map does not say that it may."""
+    """Raise DataError when an input or output, in parts (n,), has one value throughout and the map forbids that."""
     low, high = min(float(part.min()) for part in parts), max(float(part.max()) for part in parts)
     if low == high and channel.role in ("input", "output") and not channel.allow_constant:
         raise DataError(

@@ -33,7 +33,7 @@ class Source(Protocol):
         """Return the names that can be selected."""
 
     def array(self, name: str) -> AnyArray | None:
-        """Return the array of that name, None when there is none; raises DataError when it cannot be read."""
+        """Return the array of that name, any shape, None without one; raises DataError when it cannot be read."""
 
     def unit(self, name: str) -> str | None:
         """Return the unit that the file itself names for an array that was read, None where it names none."""
@@ -70,7 +70,8 @@ def variable_of(source: Source, text: str) -> str:
 def select(source: Source, text: str) -> AnyArray:
     """Return what `select = text` means in `source`; a name that is there as it stands wins over indices.
 
-    Raises DataError naming what there is instead, ConfigError for indices that do not fit.
+    The array may have any shape. Raises DataError naming what there is instead, ConfigError for indices that do not
+    fit.
     """
     whole = source.array(text) if text in source.names() else None
     if whole is not None:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class CellError(DataError):
-    """A cell of a table is no finite number; `line` counts from 1, `column` is its name or number."""
+    """A cell of a table is not a finite number; `line` counts from 1, `column` is its name or number."""
 
     def __init__(self, message: str, line: int, column: str, cell: str) -> None:
         super().__init__(message)
@@ -79,8 +79,8 @@ class TextSource:
     def array(self, name: str) -> NDArray[Any] | None:
         """Return a column as (n,), the whole table (n, columns) for the empty name, None without such a column.
 
-        Raises DataError naming line and column for a cell that is no finite number, for a line with more or fewer cells
-        than the others, and for a name that two columns have.
+        Raises DataError naming line and column for a cell that is not a finite number, a line with more or fewer cells
+        than the others, and a name that two columns have.
         """
         columns = self._columns(name)
         if columns is None:

@@ -17,7 +17,7 @@ from campaigns.log.limits import READER_BYTES
 from sim_backend.errors import DataError
 
 START_S = 120.0
-"""A cold disk or a busy machine needs long to start Python and import a library; that is no fault of the file."""
+"""A cold disk or a busy machine needs long to start Python and import a library; that is not a fault of the file."""
 
 LEAST_S = 15.0
 SLOWEST_BYTES_S = 2e6

@@ -228,7 +228,7 @@ def text_attribute(owner: h5py.Group | h5py.Dataset, name: str, path: Path, defa
 
 
 def number_attribute(owner: h5py.Group | h5py.Dataset, name: str, path: Path) -> float | int | None:
-    """Return the number in the attribute `name`, None without it; raises DataError when it is no number."""
+    """Return the number in the attribute `name`, None without it; raises DataError when it is not a number."""
     value = _attribute(owner, name, path)
     if value is None:
         return None

@@ -43,7 +43,7 @@ NO_NOTE = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 
 
 def check_note(note: str) -> None:
-    """Raise ConfigError for a note that is no single line of up to MAX_NOTE_CHARS characters."""
+    """Raise ConfigError for a note that is not a single line of up to MAX_NOTE_CHARS characters."""
     if len(note) > MAX_NOTE_CHARS:
         raise ConfigError(f"the note has {len(note)} characters of at most {MAX_NOTE_CHARS}: shorten it")
     if any(category(sign) in NO_NOTE for sign in note):

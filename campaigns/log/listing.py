@@ -14,12 +14,12 @@ from sim_backend.errors import DataError
 
 SUFFIX = ".h5"
 UNREADABLE = "unreadable"
-"""Status of a file that is no log, or a damaged one."""
+"""Status of a file that is not a log, or a damaged one."""
 
 
 @dataclass(frozen=True)
 class Listed:
-    """A file of a folder as its header describes it; of one that is no sound log only `path` and `error` say something.
+    """A file of a folder as its header describes it; one that is not a sound log has only `path` and `error`.
 
     Times are ISO 8601 with their zone. `bench` is the public identity of the bench.
     """
@@ -47,7 +47,7 @@ class Wanted:
     """Which logs of a folder are wanted; what is empty asks for nothing.
 
     `test`, `bench` and `note` are parts of the texts, in capitals or not; `since` is the earliest start. A file that is
-    no sound log has none of them: it is left out by `status` alone.
+    not a sound log has none of them: it is left out by `status` alone.
     """
 
     test: str = ""
@@ -71,7 +71,7 @@ class Wanted:
 def list_logs(folder: Path, wanted: Wanted | None = None, report: Report = unheard) -> tuple[Listed, ...]:
     """Return the wanted logs in `folder` and below, in the order of their starts; files that are none come last.
 
-    A process of its own reads the headers, within limits of memory and time: a file that harms its reader is told as
+    A process of its own reads the headers, within limits of memory and time; a file that harms it is reported as
     such, and the next one is read. Links to folders and hidden folders are not followed. Raises DataError when that
     process does not start.
     """

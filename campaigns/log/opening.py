@@ -44,7 +44,7 @@ _SEGMENT_FIELDS = {"label": "S", "start": "i", "stop": "i", "settings": "S"}
 
 
 def open_run(target: Path) -> Run:
-    """Open the log at `target` without a first look by `probe`; raises DataError if it is no sound log."""
+    """Open the log at `target` without a first look by `probe`; raises DataError if it is not a sound log."""
     return _told_of(target, open_h5(target), _described_run)
 
 
@@ -57,7 +57,7 @@ def read_header(target: Path) -> Header:
 
 
 def _told_of(target: Path, file: h5py.File, tell: Callable[[Path, h5py.File], T]) -> T:
-    """Return what `tell` finds in a file that is open; closes it and raises DataError where it is no sound log."""
+    """Return what `tell` finds in a file that is open; closes it and raises DataError where it is not a sound log."""
     try:
         _require_schema(target, file)
         return tell(target, file)

@@ -13,7 +13,7 @@ _closed: set[tuple[int, ...]] = set()
 
 
 def begin(path: Path) -> tuple[int, int]:
-    """Remember that the file at `path` is being written here, until `end` is told what this returns."""
+    """Remember that the file at `path` is being written here, until `end` is given what this returns."""
     which = _which(path.stat())
     _open.add(which)
     return which

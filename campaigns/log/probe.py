@@ -57,7 +57,7 @@ class Examination:
 def read_run(path: str | os.PathLike[str]) -> Run:
     """Open the log at `path` for reading, even while it is written; close it or use it as a context manager.
 
-    Raises DataError for what is no log, is damaged, differs from its checksum, or could do harm.
+    Raises DataError for what is not a log, is damaged, differs from its checksum, or could do harm.
     """
     target = Path(path)
     if not target.is_file():
@@ -112,7 +112,7 @@ def _compare(path: Path) -> None:
 def examine(path: Path, report: Report = unheard, *, whole: bool = True, header: bool = False) -> Examination:
     """Let a child look at the log at `path`: the `whole` of its values, what could do harm, or its `header` alone.
 
-    Raises DataError when the child does not start, is kept waiting, or has too little memory: that is no damage.
+    Raises DataError when the child does not start, is kept waiting, or has too little memory: that is not damage.
     """
     try:
         limit_s = LEAST_S if header else time_limit_s(path)

@@ -101,7 +101,7 @@ class Run:
         return values
 
     def stored(self, name: str, start: int = 0, stop: int | None = None) -> Array:
-        """Return samples as `read` does, whatever numbers they hold: to copy them, or to say what is wrong."""
+        """Return samples (n,) as `read` does, whatever numbers they hold: to copy them, or to say what is wrong."""
         last = self.rows if stop is None else stop
         if not 0 <= start <= last <= self.rows:
             raise ConfigError(f"samples {start} to {last} of {self.path}: it holds samples 0 to {self.rows}")

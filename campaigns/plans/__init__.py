@@ -41,7 +41,7 @@ PLANS: dict[str, type[Plan]] = {
 def all_plans() -> dict[str, type[Plan]]:
     """Return PLANS and the plans of other packages by name.
 
-    Raises ConfigError for one of a package that cannot be imported or is no plan.
+    Raises ConfigError for one of a package that cannot be imported or is not a plan.
     """
     return PLANS | {name: _of_a_package(name) for name in plugin_names("plans", PLANS)}
 

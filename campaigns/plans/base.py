@@ -90,7 +90,7 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     def offers(cls, bench: Bench, reach: Reach) -> Iterator[Self]:
         """Yield the variants of this plan that could be the next experiment, none using more of the bench than `reach`.
 
-        The same variants in the same order for any size of `reach`; a plan that is no experiment of its own yields
+        The same variants in the same order for any size of `reach`; a plan that is not an experiment of its own yields
         none.
         """
         yield from ()

@@ -1,4 +1,4 @@
-"""A waveform from a CSV file, played open loop: a column per axis, a row per sample. It is no PLAN: it needs a file."""
+"""A waveform from a CSV file, played open loop: a column per axis, a row per sample. Not a PLAN: it needs a file."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Waveform(Plan, frozen=True, kw_only=True):
         return channels_of(bench, ("input", "output"), ("temperature",))
 
     def segments(self, bench: Bench) -> Iterator[Segment]:
-        """Yield the waveform in stretches; raises DataError for a file that is no waveform for this bench."""
+        """Yield the waveform in stretches; raises DataError for a file that is not a waveform for this bench."""
         names, values = read_waveform(Path(self.file))
         command = np.zeros((values.shape[0], len(bench.axes)))
         command[:, [axis_of(bench, name) for name in names]] = values
@@ -57,7 +57,7 @@ class Waveform(Plan, frozen=True, kw_only=True):
 
 
 def read_waveform(path: Path) -> tuple[tuple[str, ...], Array]:
-    """Return the column names and values (n, columns) of a CSV file; raises DataError for what is no waveform."""
+    """Return the column names and values (n, columns) of a CSV file; raises DataError for what is not a waveform."""
     try:
         os.close(open_regular(path))
         if path.stat().st_size > MAX_BYTES:

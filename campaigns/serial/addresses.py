@@ -1,4 +1,4 @@
-"""Names of hosts and what they stand for; what can be no host is a mistake of the user and told as such."""
+"""Names of hosts and what they stand for; what can be no host is a mistake of the user and reported as such."""
 
 from __future__ import annotations
 

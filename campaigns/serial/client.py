@@ -23,7 +23,7 @@ SETTLE_S = 6 * 3600.0
 """How long a bench may take to settle at another temperature."""
 
 _CALL_S = 15.0
-"""What everything that is no transfer may take together, retries included."""
+"""What everything that is not a transfer may take together, retries included."""
 
 _BLOCK_S = 0.25
 """What a block of a transfer may take beyond its time on the line: a bad line is slow, not out of order."""

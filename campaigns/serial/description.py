@@ -141,7 +141,7 @@ def _wrong(found: Description) -> str:
 
 
 def _reversed(limit: float | None, trip: float | None) -> bool:
-    """Tell whether an interlock would trip within what a bench may be asked; null is no limit."""
+    """Tell whether an interlock would trip within what a bench may be asked; null means no limit."""
     return limit is not None and trip is not None and trip < limit
 
 

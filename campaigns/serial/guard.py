@@ -34,7 +34,7 @@ def answer_to(token: bytes, challenge: str) -> str:
 
 
 class Guard:
-    """Stands before one connection's session; `remark` is told of what is refused. Holds no clock.
+    """Stands before one connection's session; `remark` is called for what is refused. Holds no clock.
 
     Without a `token` a greeting is enough. With one, only a greeting is carried out before the token is shown.
     """

@@ -51,7 +51,7 @@ _GONE_S = 0.2
 
 
 class Throttle:
-    """How many bytes a line of `baud` lets pass by now; None is no limit."""
+    """How many bytes a line of `baud` lets pass by now; None means no limit."""
 
     def __init__(self, baud: float | None, now_s: float) -> None:
         self._rate = None if baud is None else baud / BITS_PER_BYTE

@@ -22,7 +22,7 @@ GROUP = "strategies"
 def stages_of_plugin(strategy: str, task: Task, design: Design) -> tuple[Stage, ...]:
     """Return the stages of a strategy that another package declares.
 
-    Raises ConfigError naming the package for what is no function, fails or returns no list of sound stages; an error
+    Raises ConfigError naming the package for what is not a function, fails or returns no list of sound stages; an error
     of ours that the function raises stays as it is.
     """
     play = load_plugin(GROUP, strategy)

@@ -137,7 +137,7 @@ def chop_of(task: Task, design: Design, axis: int) -> Chop:
 
 
 def held(chop: Chop, axis: int) -> AxisProgram:
-    """Return what an axis is told that stays at zero."""
+    """Return the reference of an axis that stays at zero."""
     return AxisProgram(np.zeros(chop.period), np.zeros(chop.period), (Gate(0, axis, True, 0.0),))
 
 

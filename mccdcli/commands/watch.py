@@ -183,7 +183,7 @@ def _share(part: float, whole: float) -> str:
 
 
 def _bars(values: list[float]) -> str:
-    """Return one bar per value, a gap for what is no number."""
+    """Return one bar per value, a gap for what is not a number."""
     there = [v for v in values if math.isfinite(v)]
     low, span = min(there, default=0.0), max(there, default=0.0) - min(there, default=0.0)
 

@@ -30,7 +30,7 @@ class DiscreteFilter:
 
     Shapes: `a` (m, 2, 2), `b` and `c` (m, 2), `d` a number. `integrator` is the index of the block whose
     first state is an integrator in units of the output, or None. Raises ConfigError when a shape does not
-    fit, a number is not finite, the rate is not positive or the named block is no integrator.
+    fit, a number is not finite, the rate is not positive or the named block is not an integrator.
     """
 
     a: Array
@@ -97,8 +97,8 @@ class DiscreteFilter:
 def filter_from_zpk(zeros: ArrayLike, poles: ArrayLike, gain: float, rate_hz: float) -> DiscreteFilter:
     """Return gain Π(z - zeros) / Π(z - poles) as blocks; a pole at z = 1 becomes the integrator block.
 
-    Raises ConfigError when the fraction is improper, roots are not conjugate, or a pole is repeated more than
-    a block of two can hold (a double integrator among them).
+    Zeros are (m,), poles (n,). Raises ConfigError when the fraction is improper, roots are not conjugate, or a pole is
+    repeated more than a block of two can hold (a double integrator among them).
     """
     zs, ps = np.asarray(zeros, dtype=complex), np.asarray(poles, dtype=complex)
     if zs.size > ps.size:
@@ -129,8 +129,8 @@ def filter_from_zpk(zeros: ArrayLike, poles: ArrayLike, gain: float, rate_hz: fl
 def filter_from_tf(numerator: ArrayLike, denominator: ArrayLike, rate_hz: float) -> DiscreteFilter:
     """Return numerator(z)/denominator(z), highest power first, as blocks.
 
-    Only for coefficients in full digits: printed ones can move a pole across the unit circle. Raises
-    ConfigError as `filter_from_zpk` does.
+    Coefficients are (m,) and (n,). Only for coefficients in full digits: printed ones can move a pole across the unit
+    circle. Raises ConfigError as `filter_from_zpk` does.
     """
     num, den = (
         np.atleast_1d(np.asarray(numerator, dtype=float)),
@@ -183,8 +183,8 @@ def tustin_zpk(
 ) -> tuple[ComplexArray, ComplexArray, float]:
     """Return zeros, poles and gain in z of a continuous filter by the bilinear rule, not prewarped.
 
-    The rule is s = 2 rate (z - 1)/(z + 1). Zeros at infinity land on z = -1. Raises ConfigError when the
-    filter is improper.
+    Zeros are (m,), poles (n,), in s⁻¹. The rule is s = 2 rate (z - 1)/(z + 1). Zeros at infinity land on z = -1. Raises
+    ConfigError when the filter is improper.
     """
     zs, ps = np.asarray(zeros_1_s, dtype=complex), np.asarray(poles_1_s, dtype=complex)
     if zs.size > ps.size:

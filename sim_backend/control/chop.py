@@ -1,4 +1,4 @@
-"""A chop as every strategy needs it: dwells in turn, and what one axis is told during one period of them."""
+"""A chop as every strategy needs it: dwells in turn, and what one axis is given during one period of them."""
 
 from __future__ import annotations
 

@@ -37,6 +37,6 @@ def bandwidth_hz(n_samples: int, concentration: float, rate_hz: float) -> float:
 
 
 def arrival_sample(move: Array, distance: float, tolerance: float) -> int:
-    """Return from which sample on `distance` times the move stays within `tolerance` of its end."""
+    """Return from which sample on `distance` times the `move` (n,) stays within `tolerance` of its end."""
     outside = np.flatnonzero(abs(distance) * np.abs(move - move[-1]) > tolerance)
     return int(outside[-1]) + 1 if outside.size else 0

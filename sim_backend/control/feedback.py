@@ -172,7 +172,7 @@ def _peak(function: Callable[[float], float], f: Array, values: Array) -> tuple[
 def closed_loop_poles(
     plant: DiscreteModel, controller: DiscreteFilter, output: int = 0, input_: int = 0
 ) -> ComplexArray:
-    """Return the poles in z of one input and output of `plant` under negative feedback, any order.
+    """Return the poles (n,) in z of one input and output of `plant` under negative feedback, any order.
 
     The delay is included. Raises ConfigError when the rates differ.
     """

@@ -171,10 +171,10 @@ def least_peak_within(
 ) -> StepInput:
     """Return the input of least peak that keeps every output within `tolerance` of `step` from sample `n_samples` on.
 
-    The input acts for `n_acting` samples. With `rest` every mode is then exactly at rest; without, modes may
-    still move against each other behind a quiet output, which a lightly damped zero of the plant carries on
-    for as long as it rings: the input must then act until the next move. Raises ConfigError when the samples
-    are too few or the tolerance not positive.
+    `step` is (n_y,) in output units. The input acts for `n_acting` samples. With `rest` every mode is then exactly at
+    rest; without, modes may still move against each other behind a quiet output, which a lightly damped zero of the
+    plant carries on for as long as it rings: the input must then act until the next move. Raises ConfigError when the
+    samples are too few or the tolerance not positive.
     """
     if not (n_acting >= n_samples > 0 and tolerance > 0.0):
         raise ConfigError(

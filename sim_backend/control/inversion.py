@@ -68,7 +68,7 @@ def siso_matrices(plant: DiscreteModel) -> tuple[Array, Array, Array]:
 
 
 def transmission_zeros(plant: DiscreteModel) -> ComplexArray:
-    """Return the finite zeros in z of a plant of one input and output; raises as `siso_matrices`."""
+    """Return the finite zeros (n,) in z of a plant of one input and output; raises as `siso_matrices`."""
     a, b, c = siso_matrices(plant)
     n = a.shape[0]
     unit = np.zeros((n + 1, n + 1))

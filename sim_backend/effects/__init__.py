@@ -118,7 +118,7 @@ FAMILIES = ("structure", "drive", "sensor", "surroundings")
 def library() -> tuple[type[Effect], ...]:
     """Return EFFECTS and the effects of other packages: everything that a diagnosis searches.
 
-    Raises ConfigError for one of a package that cannot be imported or is no effect.
+    Raises ConfigError for one of a package that cannot be imported or is not an effect.
     """
     return (*EFFECTS, *(_of_a_package(name) for name in plugin_names("effects", _BY_NAME)))
 

@@ -14,7 +14,7 @@ from sim_backend.effects.view import RecordView
 
 _FULL = 0.5
 """Breakaway rate in rms rates at most. At twice the breakaway rate friction is of full size, to 4 %; a sine is faster
-than its rms for half of the time. What fades at most rates is no friction of one size, but a damping of some law."""
+than its rms for half of the time. What fades at most rates is not a friction of one size, but a damping of some law."""
 
 
 @compiled

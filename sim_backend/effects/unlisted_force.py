@@ -1,6 +1,6 @@
 """Any smooth force of position and rate, and one that turns with the rate: what no listed cause is, in general terms.
 
-Not part of the library, because it is no cause: a diagnosis holds what it found against it.
+Not part of the library, because it is not a cause: a diagnosis holds what it found against it.
 """
 
 from __future__ import annotations

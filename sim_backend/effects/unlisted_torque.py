@@ -1,6 +1,6 @@
 """Any torque that depends on command, position and rate at once: an unlisted cause in general terms.
 
-Not part of the library, because it is no cause: a diagnosis compares what it found with a few of its terms.
+Not part of the library, because it is not a cause: a diagnosis compares what it found with a few of its terms.
 """
 
 from __future__ import annotations

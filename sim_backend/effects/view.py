@@ -167,7 +167,7 @@ class RecordView:
         return self.u.size / self.rate_hz
 
     def rounding_steps(self) -> Array:
-        """Return every step of a rounding of the input that differs enough from its neighbours, ascending."""
+        """Return every step (n,) of a rounding of the input that differs enough from its neighbours, ascending."""
         moving = self.u[self.wanted != 0.0] if self.wanted is not None else self.u[:0]
         size = float(np.sqrt(np.mean(moving**2))) if moving.size else 0.0
         if not (size > 0.0 and self.seen > 0.0):

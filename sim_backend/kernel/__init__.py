@@ -60,7 +60,7 @@ class Loop:
         return self._table(self.inlined is not None)[1] + entries(n, wave, self.parts.mem, out)
 
     def run(self, structure: Structure, table: layout.Ints) -> None:
-        """Run the loop of a structure with its table, a row for each of its lanes."""
+        """Run the loop of a structure with its table (lanes, k) of addresses."""
         machine.loop_of(structure)(address_of_numbers(table), address_of_numbers(self._steps))
 
     def _table(self, inlined: bool) -> tuple[Structure, list[int], tuple[layout.Ints, ...]]:

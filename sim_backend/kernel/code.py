@@ -1,7 +1,7 @@
 """Arithmetic that is written down instead of done: numbers that stand for values of a function being emitted.
 
 The time loop is emitted for one structure of a bench (`sim_backend.kernel.sample`), so that its loops over modes and
-axes are loops of Python, and what is left is straight code of additions and multiplications.
+axes are loops of Python, and the remainder is straight code of additions and multiplications.
 """
 
 from __future__ import annotations

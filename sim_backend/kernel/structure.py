@@ -60,7 +60,7 @@ class Structure:
     lanes: int = 1
 
     def weights(self) -> dict[str, NDArray[np.uint8]]:
-        """Return the kinds of all weights by name."""
+        """Return the kinds of all weights by name, each of the shape of its weights."""
         sizes = [int(np.prod(shape)) for shape in self.shapes]
         parts = np.split(np.frombuffer(self.kinds, np.uint8), np.cumsum(sizes)[:-1])
         names = [name for _, group in _WEIGHTS for name in group]
@@ -82,7 +82,7 @@ def step_symbol(key: str) -> str:
 
 
 def whole(numbers: bytes) -> NDArray[np.int64]:
-    """Return the whole numbers of a part of a structure."""
+    """Return the whole numbers (n,) of a part of a structure."""
     return np.frombuffer(numbers, np.int64)
 
 

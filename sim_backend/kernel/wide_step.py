@@ -1,6 +1,6 @@
 """The step of an effect for several benches at once, from the same Python as the step for one.
 
-Where benches go different ways at an `if`, those that go there are told by a mask, and the others keep what they have;
+Where benches go different ways at an `if`, those that go there are marked by a mask, the others keep what they have;
 a way that nobody goes is skipped. Every operation is the one that numba makes of the same expression, so each bench
 gets the bits that it would get alone. A step that holds what is not known here is called for one bench after the other.
 """

@@ -10,8 +10,9 @@ from typing import Any
 
 import pytest
 
-from benchmarks.__main__ import main
-from benchmarks.speed.page import PAGE, RESULTS, files_of, table, with_table
+from benchmarks.__main__ import SPEED, main
+from benchmarks.pages.marks import RESULTS, Table, files_of
+from benchmarks.speed.page import table
 from benchmarks.speed.report import SCHEMA, markdown
 
 FILES = sorted(RESULTS.glob("speed-*.json"))
@@ -80,19 +81,11 @@ def test_the_table_beside_results_is_theirs(file: Path) -> None:
 
 
 def test_the_page_opens_with_the_table_of_its_files() -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    files = files_of(page)
+    page = SPEED.page.read_text(encoding="utf-8")
+    files = files_of(page, SPEED)
     assert files and set(files) <= set(FILES)
-    assert with_table(page, files) == page
     shown = [line for line in page.splitlines() if line and not line.startswith("<!--")]
     assert shown[:2] == ["# Speed", table(files).splitlines()[0]]
-
-
-def test_a_number_that_was_changed_by_hand_is_found() -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    row = table(files_of(page)).splitlines()[2]
-    changed = page.replace(row, row.replace("≥", "≤"))
-    assert changed != page and with_table(changed, files_of(page)) == page
 
 
 def result(folder: Path, name: str, reached: bool | None, quick: bool = False, median: float = 2.0) -> Path:
@@ -122,15 +115,10 @@ def test_small_sizes_are_not_shown(tmp_path: Path) -> None:
         table([result(tmp_path, "quick", True, quick=True)])
 
 
-def test_a_page_without_a_place_for_the_table_is_refused() -> None:
-    with pytest.raises(ValueError, match="put both where the table belongs"):
-        with_table("# Speed\n", FILES[:1])
-
-
 def test_the_command_writes_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = tmp_path / "speed.md"
-    page.write_text("# Speed\n<!-- python -m benchmarks --page x -->\nold\n<!-- end of the table -->\nrest\n")
-    monkeypatch.setattr("benchmarks.__main__.PAGE", page)
+    page.write_text("# Speed\n<!-- BEGIN speed: x -->\nold\n<!-- END speed -->\nrest\n")
+    monkeypatch.setattr("benchmarks.__main__.SPEED", Table("speed", page, table))
     assert main(["--page", str(FILES[0])]) == 0
     written = page.read_text(encoding="utf-8")
     assert table(FILES[:1]) in written and "old" not in written and written.endswith("-->\nrest\n")

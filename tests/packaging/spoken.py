@@ -1,4 +1,4 @@
-"""What the sources say to people: messages, help texts, captions and templates, without code and docstrings."""
+"""What the sources say to people: messages, help texts, captions, templates; also pages and docstrings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,19 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from tests.docs.test_pages import PAGES
+
 ROOT = Path(__file__).parents[2]
+DOCS = (
+    "README.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+    "mccdcli/results.toml",
+    "benchmarks/README.md",
+    "benchmarks/results/README.md",
+)
+"""Texts outside of docs/ that people read."""
+
 PRODUCT = ("sim_backend", "campaigns", "analysis", "mccd", "mccdcli")
 
 
@@ -55,3 +67,36 @@ def said() -> Iterator[tuple[str, str]]:
             name = str(path.relative_to(ROOT))
             for line, text in enumerate(template_text(path.read_text(encoding="utf-8")).splitlines(), 1):
                 yield f"{name}:{line}", text
+
+
+def docstrings(source: str) -> Iterator[tuple[int, str]]:
+    """Yield line and text of each docstring, those of values among them, as one line and without `names`."""
+    for node in ast.walk(ast.parse(source)):
+        body = getattr(node, "body", None)
+        for one in body if isinstance(body, list) else ():
+            if isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant) and isinstance(one.value.value, str):
+                yield one.lineno, _without_names(one.value.value)
+
+
+def prose(page: str) -> Iterator[tuple[int, str]]:
+    """Yield line and text of each paragraph of a page, as one line; code, names, comments and targets are left out."""
+    bare = re.sub(r"^```.*?^```$|<!--.*?-->", lambda m: "\n" * m[0].count("\n"), page, flags=re.DOTALL | re.MULTILINE)
+    line = 1
+    for part in re.split(r"(\n(?:[ \t]*\n)+|\n(?=[-|] ))", bare):
+        yield line, re.sub(r"\]\([^)]*\)", "]", _without_names(part))
+        line += part.count("\n")
+
+
+def _without_names(text: str) -> str:
+    return " ".join(re.sub(r"(`+)[^`]+\1", "…", text).split())
+
+
+def written() -> Iterator[tuple[str, str]]:
+    """Yield "file:line" and the text of each paragraph of the pages and of each docstring of the product."""
+    for path in (*(ROOT / "docs" / name for name in PAGES), *(ROOT / name for name in DOCS)):
+        for line, text in prose(path.read_text(encoding="utf-8")):
+            yield f"{path.relative_to(ROOT)}:{line}", text
+    for folder in PRODUCT:
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            for line, text in docstrings(path.read_text(encoding="utf-8")):
+                yield f"{path.relative_to(ROOT)}:{line}", text

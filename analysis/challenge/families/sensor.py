@@ -196,7 +196,7 @@ class ApexNoise(Hidden):
         return 0.1
 
     def deviation(self, position: Array) -> Array:
-        """Return the standard deviation of the added noise per sample."""
+        """Return the standard deviation (n,) of the added noise, in rad, at positions (n,)."""
         return self.size * np.abs(position)
 
     def on_reading(self, reading: Array, motion: Motion, excitation: Excitation, rng: np.random.Generator) -> Array:

@@ -68,7 +68,7 @@ class BroadbandVibration(Hidden):
         return float(0.5 * scene.u_rms[self.axis])
 
     def filter(self, fine_s: float) -> tuple[Array, Array]:
-        """Return numerator and denominator of the resonator whose output has unit variance under white noise."""
+        """Return numerator (1,) and denominator (3,) of the resonator that makes unit variance of unit white noise."""
         radius = np.exp(-np.pi * self.bandwidth_hz * fine_s)
         angle = 2.0 * np.pi * self.centre_hz * fine_s
         a1, a2 = -2.0 * radius * np.cos(angle), radius**2

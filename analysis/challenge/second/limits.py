@@ -82,7 +82,7 @@ class Metric:
 
 
 def length(vector: Array) -> float:
-    """Return the length of a vector."""
+    """Return the length of a vector (n,)."""
     return float(np.sqrt(np.sum(vector**2)))
 
 

@@ -31,7 +31,7 @@ class Noise:
         return float(np.sqrt(np.mean(np.abs(response) ** 2)))
 
     def draw(self, n: int, rng: np.random.Generator) -> Array:
-        """Return n samples; what the filter needs to come into swing is drawn before and left out."""
+        """Return noise (n,); what the filter needs to come into swing is drawn before and left out."""
         before = 5000
         coloured = scipy.signal.lfilter(self.numerator, self.denominator, rng.standard_normal(n + before))
         return np.asarray(self.std / self._gain * coloured[before:])

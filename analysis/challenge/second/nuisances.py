@@ -37,7 +37,7 @@ def numbers_of(plant: Plant) -> list[Number]:
 
 
 def tuned(plant: Plant, numbers: Sequence[Number], steps: Array) -> Plant:
-    """Return the plant whose numbers are off by `steps` priors."""
+    """Return the plant whose `numbers` are off by `steps` (q,) standard deviations of their priors."""
     arrays = {name: getattr(plant, name).copy() for name in ("drive", "shape", "omega", "decay")}
     for (name, m, a), step in zip(numbers, steps, strict=True):
         at = {"drive": (m, a), "shape": (a, m)}.get(name, (m,))

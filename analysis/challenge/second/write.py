@@ -40,7 +40,7 @@ def channels_of(campaign: Campaign, temperature: bool) -> list[Channel]:
 def columns_of(
     campaign: Campaign, record: Record, command: Array, reading: Array, temperature: Array | None
 ) -> dict[str, Array]:
-    """Return what is recorded of a run by the names of channels."""
+    """Return what is recorded of a run by channel, each (n,); `command` and `reading` are (n, axes)."""
     names = campaign.plant.names
     columns = {f"command_{d}": command[:, i] for i, d in enumerate(names)}
     columns |= {d: reading[:, i] for i, d in enumerate(names)}
@@ -54,7 +54,7 @@ def columns_of(
 def write_exact(
     path: Path, channels: list[Channel], record: Record, columns: dict[str, Array], rng: np.random.Generator
 ) -> None:
-    """Write a run as exact numbers."""
+    """Write a run, its `columns` (n,) each, as a log of exact numbers."""
     with LogWriter.create(
         path, channels, test="free-run", bench={"kind": "bench", "name": "challenge"}, run_uid=rng.bytes(16).hex()
     ) as log:
@@ -78,7 +78,7 @@ def write_text(
 ) -> None:
     """Write a run as tables of text with `digits` significant digits, and import them by a map.
 
-    Channels in `counts` are whole numbers of that many units each.
+    Each of `columns` is (n,); channels in `counts` are whole numbers of that many units each.
     """
     folder = path.parent / "import"
     folder.mkdir()

@@ -162,7 +162,7 @@ def density(x: Array, rate_hz: float) -> tuple[Array, Array]:
 
 
 def noise_density(whitener: Whitener, output: int, rate_hz: float, lines: int) -> tuple[Array, Array]:
-    """Return the same of the noise that a whitener makes white, in the frequency bins of `lines` samples."""
+    """Return what `density` does, (bands,) each, for noise that a whitener makes white, in bins of `lines` samples."""
     part = np.arange(1, lines // 2 + 1) / lines
     taps = whitener.taps[output]
     gain = np.abs(np.exp(-2j * np.pi * np.outer(part, np.arange(taps.size))) @ taps)

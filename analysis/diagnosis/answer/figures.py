@@ -90,7 +90,10 @@ class Drawn:
 def residual_figures(
     data: Dataset, before: Sequence[Array], after: Sequence[Array], noise_rms: Array, model: Model
 ) -> list[Drawn]:
-    """Return, per output, the residual in time of the segment where it was largest, before and after."""
+    """Return, per output, the residual in time of the segment where it was largest, before and after.
+
+    Residuals are (n, n_y) per record, `noise_rms` (n_y,) in units of the outputs.
+    """
     drawn = []
     names = file_names([port.dof for port in model.outputs])
     for o, port in enumerate(model.outputs):

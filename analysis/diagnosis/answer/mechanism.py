@@ -187,7 +187,7 @@ def _quantities(diagnosis: Diagnosis, model: Model, i: int, rows: slice, o: int,
 
 
 def drawn_over(effect: Effect, force: Array, among: Sequence[Quantity]) -> tuple[Quantity, float] | None:
-    """Return over what a force is drawn, and the part of its variance that this explains."""
+    """Return over what a `force` (n,) is drawn, and the part of its variance that this explains; None for no force."""
     if not np.any(force):
         return None
     name = effect.reported()

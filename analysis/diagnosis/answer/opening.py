@@ -109,7 +109,10 @@ def _telling(data: Dataset, before: Sequence[Array], after: Sequence[Array], noi
 
 
 def opening_output(data: Dataset, before: Sequence[Array], after: Sequence[Array], noise_rms: Array) -> int:
-    """Return the number of the output that the opening shows; the first where there is nothing to show."""
+    """Return the number of the output that the opening shows; the first where there is nothing to show.
+
+    Residuals are (n, n_y) per record, `noise_rms` (n_y,) in units of the outputs.
+    """
     place = _telling(data, before, after, noise_rms)
     return 0 if place is None else place.output
 

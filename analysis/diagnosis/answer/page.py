@@ -22,7 +22,7 @@ from analysis.diagnosis.answer.figures import (
 from analysis.diagnosis.answer.mechanism import mechanism_figure
 from analysis.diagnosis.answer.opening import opening_figure, opening_output
 from analysis.diagnosis.answer.output import DOMAINS, extended_model
-from analysis.diagnosis.answer.sentence import SIGNIFICANT, surety
+from analysis.diagnosis.answer.sentence import SIGNIFICANT, advice, surety
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import model_rms
 from analysis.diagnosis.noise.estimate import whitener_from
@@ -148,6 +148,7 @@ def render(
             figures=drawn.figures,
             drawings=drawn.svg,
             surety=surety(diagnosis),
+            advice=advice(diagnosis),
             above_noise=ABOVE_NOISE,
             causes_heading="Cause" if len(diagnosis.causes) == 1 else "Causes",
             visible=_by_effect(diagnosis.sensitivity),

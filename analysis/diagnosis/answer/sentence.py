@@ -75,6 +75,22 @@ def _next(choice: Choice | None) -> str:
     )
 
 
+def advice(diagnosis: Diagnosis) -> str:
+    """Return what to record next where no plan was chosen; empty where a plan was, or nothing is left to find."""
+    if diagnosis.next_experiment is not None or diagnosis.verdict not in ("ambiguous", "unknown"):
+        return ""
+    if diagnosis.verdict == "unknown":
+        return (
+            "Plans are compared by how well they distinguish effects, and no effect of the library explains this "
+            "residual. Record the same motion at other amplitudes, speeds and temperatures, one of them changed at a "
+            "time: what the residual follows tells what causes it."
+        )
+    return (
+        "No plan of the bench is known to distinguish what is tied; the remarks say why. An instrument that does not "
+        "share the bench's sensors may."
+    )
+
+
 def _verdict(
     verdict: Verdict,
     causes: Sequence[Cause],
@@ -83,7 +99,7 @@ def _verdict(
     evidence: Mapping[str, Sequence[Domain]],
 ) -> str:
     if verdict == "consistent":
-        return f"The simulation is consistent with the data: what it leaves is noise{_little(gain)}."
+        return f"The simulation is consistent with the data: the residual is noise{_little(gain)}."
     if verdict == "unknown":
         lives = _where_it_lives(evidence)
         return f"The simulation is wrong, and no effect in the library explains how{lives}{_missed(gain)}."
@@ -155,7 +171,7 @@ def _little(gain: Gain | None) -> str:
 
 
 def _allowed(verdict: Verdict, gain: Gain | None, remainder: Remainder | None) -> str:
-    """Return the residual of the named causes above the usual noise, if large, and why it is no lack of fit."""
+    """Return the residual of the named causes above the usual noise, if large, and why it is not a lack of fit."""
     if verdict not in ("named", "ambiguous") or remainder is not None or gain is None:
         return ""
     above = _above_usual(gain)

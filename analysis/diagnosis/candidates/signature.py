@@ -55,7 +55,7 @@ class Candidate:
 
     `centres` are the middles of all starts of the shapes: what is known of them before the data. `choices` is among
     how many shapes the starts were chosen by means of the residual. `limits` are within what the data can show some
-    shapes; `given` are fields that are no parameters. `told` are the standard deviations of shapes that the readings
+    shapes; `given` are fields that are not parameters. `told` are the standard deviations of shapes that the readings
     themselves show, which no fit changes.
     """
 

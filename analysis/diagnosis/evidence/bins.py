@@ -96,6 +96,7 @@ def accumulate(taps, index, w, parts, n_bins):  # type: ignore[no-untyped-def]
 def mean_test(gram: Array, cross: Array, total: float, rows: int, noise_rows: int, *, free_mean: bool) -> float:
     """Return the p-value of "the mean is the same in all bins" (or zero, with `free_mean`) by an F test.
 
+    `gram` (bins, bins) and `cross` (bins,) are products of the bins' columns with each other and with the residual.
     The noise's variance is 1, known from `noise_rows` samples; without any it is what the bins leave of `total`.
     """
     scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))

@@ -118,7 +118,7 @@ def size_on_held_out(
 ) -> tuple[float, float]:
     """Return the factor by which held-out samples would scale what was added, and the standard deviation of that.
 
-    Arguments as of `gain_of`, `errors` as `errors_in_noise` gives them; every output counts in units of its noise.
+    Arguments as of `gain_of`, `errors` (rows, k) by `errors_in_noise`; every output counts in units of its noise.
     """
     windows = [(i, w) for i, w in data.windows if w.held_out]
     left = _cleaned(data, before, first, windows), _cleaned(data, after, extended, windows)

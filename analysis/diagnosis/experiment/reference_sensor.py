@@ -1,6 +1,6 @@
 """What an instrument beside the bench tells of its sensors: reading minus true angle, which only sensor effects change.
 
-A gain of the sensor and a gain of the drive move the readings alike, so that no reading tells them apart; a second
+A gain of the sensor and a gain of the drive move the readings alike, so that no reading distinguishes them; a second
 instrument does, because it sees the angle itself. Logs in which it watched decide between causes that are tied.
 """
 

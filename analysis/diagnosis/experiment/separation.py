@@ -1,4 +1,4 @@
-"""By how many standard deviations an experiment would tell two hypotheses apart, once everything else may adapt.
+"""By how many standard deviations an experiment would separate two hypotheses, once everything else may adapt.
 
 If one hypothesis is true, fitting the other to the old and the new data together leaves a sum of squares that is
 larger by d², and d is what is called the separation. To second order about the fits to the old data
@@ -64,7 +64,7 @@ def _responses(setting: Setting, hypothesis: Hypothesis) -> tuple[list[Array], l
 
 
 def with_spread(setting: Setting, hypothesis: Hypothesis, known: Array) -> Hypothesis:
-    """Return the hypothesis with the standard deviations that follow from `known`, see `information`."""
+    """Return the hypothesis with the standard deviations that follow from `known` (k, k), see `information`."""
     scales, _ = parameters_of(*hypothesis.fit.held())
     size = np.sqrt(np.maximum(np.diag(known), np.finfo(float).tiny))
     inverse = np.linalg.pinv(known / np.outer(size, size), rcond=_ROUNDING, hermitian=True)
@@ -121,7 +121,7 @@ def separation(setting: Setting, record: Record, expected: Prediction, known: Ar
 
 
 def left_over(difference: Array, columns: Array, known: Array) -> float:
-    """Return the root of min over x of |difference - columns x|² + xᵀ known x."""
+    """Return the root of min over x (k,) of |difference - columns x|² + xᵀ known x; `columns` are (n, k)."""
     normal, slope = columns.T @ columns + known, columns.T @ difference
     scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))

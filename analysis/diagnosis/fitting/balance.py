@@ -89,7 +89,7 @@ def tuned_beside(setting: Setting, tuned: Fit, best: Fit) -> tuple[Setting, Fit]
     """Return setting and fit of the nominal model tuned from the numbers of `best`, None where that is no better.
 
     Where nothing repeats, the noise is estimated from the residual, and the iteration may end in a wrong fixed point of
-    both. An effect moves the parameters out of it; what these gain by themselves is no merit of the effect, which may
+    both. An effect moves the parameters out of it; what these gain by themselves does not speak for it; it may
     have been dropped for that.
     """
     if setting.whitener.repeats or setting.whitener.even or np.array_equal(best.change, tuned.change):
@@ -275,7 +275,7 @@ def left_however_tuned(data: Dataset, setting: Setting, fit: Fit, noise: Whitene
     """Return the residual (n, n_y) of every record of `data` in that noise, after `fit` saw all held-out samples.
 
     Parameters are known as well as the fitted samples determine them. On samples of another motion, their error may be
-    many times the noise and follow the motion; it is no error of the model as long as parameters exist that fit all
+    many times the noise and follow the motion; it is not an error of the model as long as parameters exist that fit all
     samples.
     """
     told = tuple(replace(r, windows=tuple(replace(w, held_out=False) for w in r.windows)) for r in data.records)

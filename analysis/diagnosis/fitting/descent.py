@@ -70,7 +70,7 @@ class Slopes(Protocol[At]):
     """Where a descent gets its normal equations from: cheaply as long as they serve."""
 
     def normal(self, x: Array, at: At) -> tuple[Array, Array]:
-        """Return the normal equations (H, -gradient/2) at `x`."""
+        """Return the normal equations at `x` (n,): H (n, n) and -gradient/2 (n,)."""
 
     def fresh(self) -> bool:
         """Tell whether the last slopes were those of the point itself; if not, the next ones will be."""
@@ -107,7 +107,7 @@ class Descent(Generic[Point]):
         self._poor, self._trusted = 0, np.inf  # steps that kept little of their promise, and the length of the first
 
     def run(self, x: Array, steps: int) -> tuple[Array, Point]:
-        """Return the best point found from `x` in at most `steps` steps, and its evaluation."""
+        """Return the best point (n,) found from `x` (n,) in at most `steps` steps, and its evaluation."""
         x = np.clip(x, self._low, self._high)
         here, radius = self._evaluate(x), np.inf
         self._poor, self._trusted = 0, radius

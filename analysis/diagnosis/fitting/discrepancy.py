@@ -2,7 +2,7 @@
 
 A lag, or a creep, whose law differs from the real one leaves an error H(f) times what the linear model answers to
 each input, whatever H is, as long as it is smooth and the same at every level. A spring that stiffens, or free play,
-answers with harmonics, with intermodulation, and differently at another level: that is no H. So the part of a
+answers with harmonics, with intermodulation, and differently at another level: that is not H. So the part of a
 difference that follows the drive by some linear law bounds what a wrong linear law can explain.
 """
 
@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.balance import squares_of
 from analysis.diagnosis.fitting.fit import Fit, Setting, left_by, linear_of
-from analysis.diagnosis.noise.whitener import Whitener, runs_of
+from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import played, response
 from analysis.diagnosis.nominal.tuning import turned
 from analysis.diagnosis.records.dataset import Record
+from campaigns.facts.base import stretches_of
 from sim_backend.effects.base import Effect
 from sim_backend.linear import Array, DiscreteModel, ModalModel
 
@@ -58,7 +59,7 @@ class Discrepancy:
         return sum(self.parts)
 
     def of(self, shares: Sequence[float] | Array) -> float:
-        """Return it for what shows in the readings by these `shares` of its energy; in total for what has none.
+        """Return it for what shows in the readings by these `shares` (n_y,) of its energy; in total for what has none.
 
         The discrepancy along a signature is limited in each reading to the part that the signature has there.
         """
@@ -67,7 +68,7 @@ class Discrepancy:
         return float(np.dot(self.parts, shares))
 
     def along(self, following: Sequence[float] | Array) -> Discrepancy:
-        """Return it for what follows the drive by a linear law in these parts of its energy, one for each reading."""
+        """Return it for what follows the drive by a linear law in the parts `following` (n_y,) of its energy."""
         if not any(self.linear):
             return self
         rest = np.array(self.parts) - np.array(self.linear) * (1.0 - np.asarray(following))
@@ -178,7 +179,7 @@ def _lines(whitener: Whitener, model: DiscreteModel, record: Record, change: Arr
     answers = [response(model, record.u[:, j], j, through_delay=True) for j in range(record.u.shape[1])]
     frequency: list[Array] = []
     spectra: list[Spectrum] = []
-    for start, stop in runs_of(record.fitted()):
+    for start, stop in stretches_of(record.fitted()):
         n = stop - start
         taper = np.hanning(n)[:, None] * record.weight
         own = np.arange(1, n // 2)

@@ -128,7 +128,7 @@ class Fit:
     def held(self, keep: Sequence[int] | None = None) -> tuple[list[Candidate], Array]:
         """Return where another refit of these effects (or those numbered in `keep`) starts: shapes and sizes as fitted.
 
-        Sizes are in units of each candidate's columns, joined; an effect without sizes counts as one whole.
+        Sizes (k,) are in units of each candidate's columns, joined; an effect without sizes counts as one whole.
         """
         chosen = range(len(self.effects)) if keep is None else keep
         candidates, sizes = [], np.zeros(0)
@@ -202,7 +202,7 @@ def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]
     """Return a fit's residuals (n, n_y) on all records of `data`.
 
     Of one that no fit has seen the state in which it begins is sought, and where it repeats, also as if it had been
-    played before: what hangs on the level of the motion is then as it is in the steady state. Which of both it was
+    played before: what depends on the level of the motion is then as it is in the steady state. Which of both it was
     tells its first period.
     """
     known = {id(r.y): residual for r, residual in zip(setting.data.records, _begun_anew(setting, fit), strict=True)}

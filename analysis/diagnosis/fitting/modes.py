@@ -52,7 +52,7 @@ def narrow_modes(setting: Setting) -> list[int]:
 
 
 def is_bent(setting: Setting, change: Array) -> bool:
-    """Tell whether any number of a light mode is farther off than it may be."""
+    """Tell whether a `change` (n_nuisances,) moves any number of a light mode farther than it may be off."""
     return _distorted(setting, change, narrow_modes(setting))
 
 

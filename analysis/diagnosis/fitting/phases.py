@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from analysis.diagnosis.noise.whitener import Mask, runs_of
+from analysis.diagnosis.noise.whitener import Mask
+from campaigns.facts.base import stretches_of
 from sim_backend.effects.base import Effect
 from sim_backend.linear import Array
 
@@ -46,6 +47,6 @@ def in_phase(
 def _hann_of_each(used: Mask) -> Array:
     """Return a Hann window (n,) over each stretch of samples that are `used` (n,)."""
     window = np.zeros(used.size)
-    for first, last in runs_of(used):
+    for first, last in stretches_of(used):
         window[first:last] = np.hanning(last - first)
     return window

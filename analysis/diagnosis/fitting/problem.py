@@ -71,7 +71,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Problem:
-    """A hypothesis as a function of its parameters: changes of nuisances, then effect parameters on their scales."""
+    """A hypothesis as a function of its parameters x (n,): changes of nuisances, then effects' on their scales."""
 
     setting: Setting
     candidates: tuple[Candidate, ...]
@@ -79,12 +79,12 @@ class Problem:
 
     @classmethod
     def of(cls, setting: Setting, candidates: Sequence[Candidate], sizes: Array) -> tuple[Self, Array]:
-        """Return the problem of a hypothesis, and its effects' parameters on their scales at `sizes`: see `refit`."""
+        """Return the problem of a hypothesis, and its effects' scaled parameters (p,) at `sizes`: see `refit`."""
         scales, start = parameters_of(candidates, sizes)
         return cls(setting, tuple(candidates), scales), start
 
     def effects(self, x: Array) -> tuple[Effect, ...]:
-        """Return the effects with the parameters in `x`."""
+        """Return the effects with the parameters in `x` (n,)."""
         n_nuisances = len(self.setting.nuisances)
         values = [dict(c.shapes) for c in self.candidates]  # constants among them: no fit moves those
         for scale, xi in zip(self.scales, x[n_nuisances:], strict=True):
@@ -92,7 +92,7 @@ class Problem:
         return tuple(c.effect(c.where, **v, **c.given) for c, v in zip(self.candidates, values, strict=True))
 
     def raw(self, x: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        """Return residuals and torques of every record at `x`.
+        """Return residuals (n, n_y) and torques (n, n_u) of every record at `x`.
 
         Residuals are infinite where the model cannot be (a delay below 0), or swings far beyond all that was seen.
         """
@@ -125,7 +125,7 @@ class Problem:
         return limits
 
     def evaluate(self, x: Array) -> Point:
-        """Simulate at `x`."""
+        """Simulate at `x` (n,) and return what it leaves; the misfit is infinite where nothing can be simulated."""
         with np.errstate(over="ignore", invalid="ignore"):
             residuals, torques = self.raw(x)
             white = self.whiten(residuals)
@@ -143,7 +143,7 @@ class Problem:
 
     @cached_property
     def root(self) -> Array:
-        """The inverse of `factor`: it makes unit white numbers of the parameters' distances from their means."""
+        """The inverse (n, n) of `factor`: it makes unit white numbers of the parameters' distances from their means."""
         return np.asarray(
             scipy.linalg.block_diag(root_of(self.setting.nuisances), np.diag([1.0 / s.sd for s in self.scales]))
         )
@@ -151,7 +151,8 @@ class Problem:
     def slopes(self, x: Array, which: Sequence[int], here: Sequence[Array]) -> list[tuple[Array, ...] | None]:
         """Return d(residuals)/dx_i for each i of `which` by a difference to those `here`, all simulated together.
 
-        The difference goes back where nothing lies ahead; there is none where no model is on either side.
+        Both are (n, n_y) per record. The difference goes back where nothing lies ahead; there is none where no model is
+        on either side.
         """
         ahead, found = [self._difference(x, i) for i in which], dict[int, tuple[Array, ...]]()
         for turn in (1.0, -1.0):
@@ -180,14 +181,14 @@ class Problem:
         return np.concatenate(s.each(white, s.data.records, residuals, s.starts)).squeeze()
 
     def shortened(self, x: Array) -> Array:
-        """Return `x` with nuisances and sizes halved until it fits better than the model does, at most four times."""
+        """Return `x` (n,) with nuisances and sizes halved until it fits better than the model, at most four times."""
         some = np.array([True] * len(self.setting.nuisances) + [s.size for s in self.scales])
         nothing = np.where(some, 0.0, x)
         without = self.evaluate(nothing).misfit
         return halved(x, nothing, lambda there: self.evaluate(there).misfit < without)
 
     def descend(self, slopes: Slopes[Point], x: Array, steps: int, *, exact: bool = True) -> tuple[Array, Point]:
-        """Return the best point from `x` along `slopes`, and its simulation."""
+        """Return the best point (n,) from `x` (n,) along `slopes`, and its simulation."""
         least, most = bounds_of(self.setting.nuisances)
         descent = Descent(
             self.evaluate,
@@ -203,7 +204,7 @@ class Problem:
     def at_cusps(self, slopes: Slopes[Point], x: Array, at: Point) -> tuple[Array, Point, dict[int, float]]:
         """Return the best point near `x` where a parameter's misfit has a cusp, and the deviations of such parameters.
 
-        What else is fitted follows, and the cusp with it, until neither gains.
+        `x` and the point are (n,). What else is fitted follows, and the cusp with it, until neither gains.
         """
         deviations: dict[int, float] = {}
         # as in a descent: where far more than noise is left, so much more is no gain
@@ -221,12 +222,15 @@ class Problem:
         return x, at, deviations
 
     def _cusp(self, x: Array, i: int, close: float) -> tuple[Callable[[float], float], float, float, float]:
-        """Return the objective over parameter `i`, where it is, how far a cusp is sought, and what is no gain."""
+        """Return the objective over parameter `i`, its value, how far to seek a cusp, and the least gain."""
         grain = self.scales[i - len(self.setting.nuisances)].grain
         return (lambda value: self.evaluate(_with(x, i, value)).objective), float(x[i]), max(_ROOF, 2.0 * grain), close
 
     def finish(self, x: Array, at: Point, jacobian: Array, deviations: Mapping[int, float]) -> Fit:
-        """Return the fit at `x`, its standard deviations from `jacobian`; some `deviations` may be known otherwise."""
+        """Return the fit at `x` (n,), its standard deviations from `jacobian` (rows + n, n).
+
+        Some `deviations` may be known otherwise.
+        """
         n_nuisances = len(self.setting.nuisances)
         factor = self.factor
         # beside a parameter whose column is not finite there is no model: the data say nothing of it
@@ -306,7 +310,7 @@ class Problem:
 
 
 def halved(start: Array, nothing: Array, good: Callable[[Array], bool]) -> Array:
-    """Return `start`, its way from `nothing` halved until it is `good`, at most four times."""
+    """Return `start` (n,), its way from `nothing` (n,) halved until it is `good`, at most four times."""
     for _ in range(_HALVINGS):
         if good(start):
             break

@@ -67,12 +67,12 @@ def refit(
 ) -> Fit:
     """Return the best fit of a hypothesis from screened `sizes` and nuisances' `change`; without candidates, of these.
 
-    `sizes` are in units of each candidate's columns. A hypothesis that cannot be simulated ends with an infinite
-    misfit. Standard deviations are right only of an `exact` fit. Beside a `strong` effect, one that changes the whole
-    motion, slopes with torques held lead astray: differences of full simulations are taken from the start;
-    the screened start goes too far there, and is shortened until it is better than nothing. Parameters over which the
-    misfit has a cusp stay where a descent ends, unless the fit is to be `sharp`. Slopes that have `misled` the fit
-    before this one are not tried again.
+    `sizes` (k,) are in units of each candidate's columns, joined; `change` is (n_nuisances,). A hypothesis that cannot
+    be simulated ends with an infinite misfit. Standard deviations are right only of an `exact` fit. Beside a `strong`
+    effect, one that changes the whole motion, slopes with torques held lead astray: differences of full simulations are
+    taken from the start; the screened start goes too far there, and is shortened until it is better than nothing.
+    Parameters over which the misfit has a cusp stay where a descent ends, unless the fit is to be `sharp`. Slopes that
+    have `misled` the fit before this one are not tried again.
     """
     manner = _Manner(steps, exact, strong, sharp, misled)
     setting = _with_own_starts(setting, candidates, sizes, change)
@@ -110,7 +110,7 @@ def _with_own_starts(setting: Setting, candidates: Sequence[Candidate], sizes: A
 
 
 def in_parts(setting: Setting, candidates: Sequence[Candidate], sizes: Array) -> list[tuple[Part, Setting]]:
-    """Return the parts into which a hypothesis falls, each with its setting: itself where it does not fall apart."""
+    """Return the parts of a hypothesis, each with its setting: itself where it does not fall apart; see `refit`."""
     whole, found = [(whole_of(setting, candidates), setting)], []
     problem, start = Problem.of(setting, candidates, sizes)
     try:
@@ -129,7 +129,7 @@ def in_parts(setting: Setting, candidates: Sequence[Candidate], sizes: Array) ->
 
 
 def sizes_of_each(candidates: Sequence[Candidate], sizes: Array) -> list[Array]:
-    """Return the `sizes` of every candidate by itself; one without sizes counts as one whole."""
+    """Return the `sizes` (k,) of every candidate by itself; one without sizes counts as one whole."""
     ends = np.cumsum([max(len(c.unit_sizes), 1) for c in candidates], dtype=np.int64)
     return np.split(sizes, ends[:-1])
 
@@ -255,7 +255,8 @@ def plain_sensitivities(setting: Setting, linear: ModalModel) -> tuple[Array, ..
 def taken_over(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -> tuple[Array, bool]:
     """Return the nuisances when an effect on the model does what they did, and whether nothing else changes.
 
-    Raises ConfigError where there is no such effect.
+    The nuisances are (n_nuisances,), `sizes` (k,) in units of the candidate's columns. Raises ConfigError where there
+    is no such effect.
     """
     linear, units = turned(setting.nominal, setting.nuisances, fit.change), candidate.unit_sizes
     effect = candidate.made(dict(zip(units, sizes * np.array(list(units.values())), strict=True)))
@@ -268,7 +269,7 @@ def taken_over(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -
 
 
 def part_to_take(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array) -> float:
-    """Return the part of its screened sizes that an effect begins with.
+    """Return the part of its screened `sizes` (k,) that an effect begins with.
 
     Where nuisances and effect can share in any proportion and the data see no difference, the nominal model decides:
     the part that leaves the nuisances least to do. A descent would have to find it along a narrow, bent valley.

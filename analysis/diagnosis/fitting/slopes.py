@@ -77,7 +77,7 @@ class Slopes:
         self._outworn, self._own, self._age = False, False, 0
 
     def normal(self, x: Array, at: Point) -> tuple[Array, Array]:
-        """Return the normal equations at `x`."""
+        """Return the normal equations at `x` (n,): H (n, n) and -gradient/2 (n,)."""
         kept = None if self._outworn else self._corrected(x, at)
         self._own, self._outworn = kept is None, False
         self._age = 0 if kept is None else self._age + 1
@@ -103,7 +103,7 @@ class Slopes:
         return self.truer()
 
     def latest(self, x: Array, at: Point) -> Array:
-        """Return the columns at the last place where a step began."""
+        """Return the columns (rows + n, n) at the last place where a step began."""
         return self._at(x, at) if self._last is None else self._last[2]
 
     def _corrected(self, x: Array, at: Point) -> Array | None:

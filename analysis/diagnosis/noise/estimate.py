@@ -9,8 +9,9 @@ import scipy
 
 from analysis.diagnosis.noise.autoregression import MAX_ORDER, fit_ar
 from analysis.diagnosis.noise.levels import held_by_few, levels_of_means, levels_of_medians, no_weaker
-from analysis.diagnosis.noise.whitener import Mask, Whitener, runs_of
+from analysis.diagnosis.noise.whitener import Mask, Whitener
 from analysis.diagnosis.records.dataset import Dataset, Record
+from campaigns.facts.base import stretches_of
 from sim_backend.linear import Array
 
 _TREND = 3
@@ -37,7 +38,10 @@ def whitener_from(data: Dataset, residuals: list[Array], *, order: int | None = 
 
 
 def above_noise(data: Dataset, residuals: Sequence[Array]) -> float:
-    """Return the largest ratio, over the outputs, of the rms residual to the rms noise; zero where nothing repeats."""
+    """Return the largest ratio, over the outputs, of the rms residual to the rms noise; zero where nothing repeats.
+
+    `residuals` are (n, n_y) per record.
+    """
     ratios = [0.0]
     for o in range(data.n_outputs):
         noise = [x for r, e in zip(data.records, residuals, strict=True) for x, _ in _differences(data, r, e[:, o])]
@@ -106,7 +110,7 @@ def _powers(plain: Whitener, parts: list[tuple[Array, Mask]], output: int) -> tu
     frequency, power = [np.zeros(0)], [np.zeros(0)]
     for x, mask in parts:
         white = plain.apply(x[:, None], output)[:, 0]
-        for start, stop in runs_of(mask):
+        for start, stop in stretches_of(mask):
             power.append(scipy.fft.dct(white[start:stop], norm="ortho") ** 2)
             frequency.append(np.arange(stop - start) / (2.0 * (stop - start)))
     return np.concatenate(frequency), np.concatenate(power)
@@ -130,7 +134,7 @@ def _differences(data: Dataset, record: Record, x: Array) -> list[tuple[Array, M
 def _without_trend(x: Array) -> Array:
     """Return a difference (n,) of periods without the cubic that runs through it best.
 
-    What a model gets wrong of a force on a free axis is integrated twice, and grows from period to period. It is no
+    What a model gets wrong of a force on a free axis is integrated twice, and grows from period to period. It is not
     noise; a filter that took it for noise would differentiate, and nothing slow would count any more.
     """
     at = np.linspace(-1.0, 1.0, x.size)

@@ -34,7 +34,8 @@ _BY_CHANCE = 1e-3
 def levels_of_medians(spectra: list[tuple[Array, Array]], highest: float) -> tuple[Array, Array]:
     """Return edges and levels of the bands below `highest` from medians; nothing where there are too few coefficients.
 
-    A level may be below one: `no_weaker` and `held_by_few` say what that means.
+    `spectra` hold frequency and power (n,) of each output; edges are (k + 1,) in cycles per sample, levels (n_y, k). A
+    level may be below one: `no_weaker` and `held_by_few` say what that means.
     """
     below = np.sort(spectra[0][0][spectra[0][0] < highest])
     count = min(below.size // BAND_ROWS, _MAX_BANDS)
@@ -58,9 +59,10 @@ def levels_of_medians(spectra: list[tuple[Array, Array]], highest: float) -> tup
 def held_by_few(spectrum: tuple[Array, Array], highest: float) -> bool:
     """Tell whether few coefficients below `highest` are so large that the filter takes all of them for strong noise.
 
-    A drift of a reading is in the lowest coefficients alone, but a filter has no such edge: it weakens whatever is
-    slow, and most coefficients there are then far weaker than one, more than happens by chance. (A step is different:
-    its power falls with the square of the frequency, as that of a random walk.)
+    `spectrum` holds frequency (n,) in cycles per sample and power (n,). A drift of a reading is in the lowest
+    coefficients alone, but a filter has no such edge: it weakens whatever is slow, and most coefficients there are then
+    far weaker than one, more than happens by chance. (A step is different: its power falls with the square of the
+    frequency, as that of a random walk.)
     """
     frequency, power = spectrum
     below = power[np.argsort(frequency)][: int(np.sum(frequency < highest))]
@@ -88,10 +90,11 @@ def no_weaker(edges: Array, levels: Array, taps: Array) -> Array:
 def levels_of_means(
     spectra: list[tuple[Array, Array]], lowest: float, left: list[tuple[Array, Array]]
 ) -> tuple[Array, Array]:
-    """Return upper edges and levels of the bands above `lowest`, each wide enough for its mean.
+    """Return upper edges (k,) and levels (n_y, k) of the bands above `lowest`, each wide enough for its mean.
 
-    `spectra` are those of noise alone. `left`, those of the residual of a model, contain as much noise and perhaps an
-    error of the model; where they agree within the uncertainty of a band's few coefficients, they count as well.
+    `spectra`, frequency and power (n,) of each output, are those of noise alone. `left`, those of the residual of a
+    model, contain as much noise and perhaps an error of the model; where they agree within the uncertainty of a band's
+    few coefficients, they count as well.
     """
     frequency = np.sort(spectra[0][0][spectra[0][0] >= lowest])
     edges, at = [lowest], 0

@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from campaigns.facts.base import stretches_of
 from sim_backend.jit import njit
 from sim_backend.linear import Array
 
@@ -91,7 +92,7 @@ class Whitener:
         return replace(self, edges=edges, levels=np.maximum(self.bands.at(middle), bands.at(middle)))
 
     def band_levels(self, n: int, output: int) -> Array:
-        """Return the levels of the lowest of `n` cosine coefficients, as many as lie in bands.
+        """Return the levels (k,) of the lowest of `n` cosine coefficients, as many as lie in bands.
 
         Below the middle of the lowest band the noise is extrapolated as it rose over the lowest few: noise that is
         coloured there is strongest where it is least visible, and an offset would be taken for physics. Where nothing
@@ -153,7 +154,7 @@ class Whitener:
         Each unbroken run of samples is transformed to the cosine basis, where a band's level is a plain factor. A few
         columns are filtered at a time, so that only the result takes memory beside `values`.
         """
-        out, runs = np.empty((values.shape[1], int(mask.sum()))), runs_of(mask)
+        out, runs = np.empty((values.shape[1], int(mask.sum()))), stretches_of(mask)
         factors = [np.sqrt(self.band_levels(stop - start, output)) for start, stop in runs] if self.levels.size else []
         for some in range(0, values.shape[1], TOGETHER):
             white, first = self._filtered(values[:, some : some + TOGETHER], output), 0
@@ -168,12 +169,12 @@ class Whitener:
         return out.T
 
     def band_of_rows(self, mask: Mask) -> Ints:
-        """Return the band of each coefficient that `rows` returns, -1 above all bands or where there are none."""
+        """Return the band (rows,) of each coefficient that `rows` returns, -1 above all bands or without any."""
         band = band_of(self.edges, frequency_of_rows(mask))
         return np.asarray(np.where(band < self.levels.shape[1], band, -1))
 
     def log_variance(self, mask: Mask) -> float:
-        """Return the sum of the logarithms of the variances by which the masked samples of a record are divided."""
+        """Return the sum of the logarithms of the variances by which the samples of a mask (n,) are divided."""
         total = -2.0 * int(mask.sum()) * float(np.sum(np.log(self.taps[:, 0])))
         for taps, begin in zip(self.taps, self._beginnings, strict=True):
             own = np.diag(begin)[: mask.size]
@@ -181,17 +182,18 @@ class Whitener:
             total += 2.0 * float(np.sum(np.log(taps[0] / own[known])))
         if not self.levels.size:
             return total
-        for start, stop in runs_of(mask):
+        for start, stop in stretches_of(mask):
             total += sum(float(np.sum(np.log(self.band_levels(stop - start, o)))) for o in self.outputs)
         return total
 
 
 def frequency_of_rows(mask: Mask, least: float = 0.0) -> Array:
-    """Return the frequency of each coefficient that a whitener makes of a mask, in cycles per sample, at least `lines`.
+    """Return the frequency (rows,) of each coefficient that a whitener makes of a mask (n,), in cycles per sample.
 
-    The first coefficient of an unbroken run is its mean, each further one is half a frequency bin higher.
+    It is `least` bins at least. The first coefficient of an unbroken run is its mean, each further one is half a
+    frequency bin higher.
     """
-    counts = (stop - start for start, stop in runs_of(mask))
+    counts = (stop - start for start, stop in stretches_of(mask))
     return np.concatenate([np.zeros(0), *(np.maximum(np.arange(n) / 2.0, least) / n for n in counts)])
 
 
@@ -205,12 +207,6 @@ def louder(whitener: Whitener, added: Sequence[Bands]) -> Whitener:
 def band_of(edges: Array, frequency: Array) -> Ints:
     """Return which band between `edges` (k + 1,) holds each `frequency` (n,); -1 below all, k or more above."""
     return np.asarray(np.searchsorted(edges, frequency, side="right") - 1)
-
-
-def runs_of(mask: Mask) -> list[tuple[int, int]]:
-    """Return (start, stop) of every unbroken run of set samples."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def beginning(taps: Array) -> Array:

@@ -296,7 +296,7 @@ def _for_forces(modes: ModalModel, rate_hz: float, *, split: bool) -> DiscreteMo
 def sensitivities(
     linear: ModalModel, nuisances: list[Nuisance], u: Array, rate_hz: float, start: Array, *, through_delay: bool = True
 ) -> Array:
-    """Return the change of the outputs of one record per unit of each nuisance, see `Turning.columns`."""
+    """Return the change of the outputs of one record per nuisance, (n, n_y, n_nuisances), see `Turning.columns`."""
     return turning(linear, nuisances, rate_hz, through_delay=through_delay).columns(u, start)
 
 

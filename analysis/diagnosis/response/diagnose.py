@@ -229,8 +229,9 @@ def gain_of(
 ) -> Gain | None:
     """Return what the extension gains on held-out points: rms of their relative errors; None without any.
 
-    That is the error of the output over the output under an excitation that makes every point of it as strong. The
-    interval is a bootstrap over blocks of neighbouring points.
+    `before` and `after` are the modelled response (n,) at each point. The error is that of the output over the output
+    under an excitation that makes every point of it as strong. The interval is a bootstrap over blocks of neighbouring
+    points.
     """
     held = lines.held_out
     if not held.any():

@@ -239,7 +239,8 @@ def descend(
 ) -> tuple[Array, Array]:
     """Return where the sum of squares is least and the Jacobian there, within bounds (Levenberg and Marquardt).
 
-    No step is wider than `widest`. A point for which ConfigError is raised counts as infinitely bad.
+    `x` and its bounds are (n,), the Jacobian (rows, n). No step is wider than `widest` (n,). A point for which
+    ConfigError is raised counts as infinitely bad.
     """
     r, damping = residuals(x), 1e-3
     jacobian = slopes(residuals, x, r, low, high)

@@ -1,4 +1,4 @@
-"""What several levels of excitation say: a linear response is the same at each, so a difference is no linear law's.
+"""What several levels of excitation say: a linear response is the same at each, so a difference is not a linear law's.
 
 The picture is that of the describing function: the linear model that answers best at each level (Gelb and Vander Velde,
 Multiple-Input Describing Functions, 1968).

@@ -239,7 +239,7 @@ def judged(setting: Setting, found: Found) -> Judgement:
 def _gaps(found: Found) -> list[tuple[tuple[str, ...], float]]:
     """Return rival names with the evidence by which the best leads, closest first; a part of the best is a rival too.
 
-    A set that contains all that the best names and more is no rival: its prior has cost more than it gained.
+    A set that contains all that the best names and more is not a rival: its prior has cost more than it gained.
     """
     own, gaps = names_of(found.best.effects), dict[tuple[str, ...], float]()
     for one in found.fits:

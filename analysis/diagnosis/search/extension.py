@@ -22,7 +22,10 @@ _TRUSTED = 3.0
 
 
 def extended(setting: Setting, fit: Fit, candidate: Candidate, sizes: Array, nuisances: Array) -> Fit:
-    """Return `fit` with one more effect, refitted from its screened `sizes` and the `nuisances`' change beside it."""
+    """Return `fit` with one more effect, refitted from its screened `sizes` (k,) in units of its columns.
+
+    `nuisances` (n_nuisances,) is their change that goes with it.
+    """
     before, held = fit.held()
     sd = spreads_of(setting.nuisances)
     # nuisances that absorbed a missing effect are far off; with the effect in the model they belong near the nominal

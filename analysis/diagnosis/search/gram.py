@@ -45,7 +45,7 @@ class Gram:
     by_output: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def without(self, columns: Ints) -> Array:
-        """Return the products after the given columns are projected out (Schur complement)."""
+        """Return the products (n, n) after the given columns (k,) are projected out (Schur complement)."""
         if columns.size == 0:
             return self.products
         g = self.products
@@ -63,7 +63,7 @@ class Gram:
         return np.asarray(energy / max(float(np.sum(energy)), 1e-300))
 
     def nuisance_columns(self) -> Ints:
-        """Return the column numbers of the nuisances."""
+        """Return the column numbers (n_nuisances,) of the nuisances."""
         return np.arange(1, 1 + self.n_nuisances)
 
     def ratios(self, drops: Array, remaining: float) -> Array:
@@ -111,7 +111,7 @@ class Gram:
         return columns[np.diag(reduced)[columns] > 1e-11 * before]
 
     def fresh(self, reduced: Array, columns: Ints, least: float) -> tuple[float, int]:
-        """Return by how much the independent part of `columns` lowers the sum of squares, and in how many directions.
+        """Return by how much the independent part of `columns` (k,) lowers the sum of squares; in how many directions.
 
         Directions whose tolerance 1 − R² after projection exceeds `least` are independent. A column that is closer to
         collinear with the nuisances gains by its difference from their best fit: by noise in the motion it was made
@@ -147,7 +147,7 @@ class Gram:
         return np.asarray(np.linalg.lstsq(inner / np.outer(scale, scale), wanted / scale, rcond=1e-14)[0] / scale)
 
     def tolerance(self, reduced: Array) -> Array:
-        """Return, per candidate, the tolerance of its strongest column beside the nuisances (0 to 1)."""
+        """Return the tolerance (candidates,) of the strongest column of each beside the nuisances, from 0 to 1."""
         before, left = np.diag(self.products), np.diag(reduced)
         return np.array([np.max(left[c] / np.maximum(before[c], np.finfo(float).tiny)) for c in self.groups])
 

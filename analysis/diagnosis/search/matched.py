@@ -13,8 +13,9 @@ import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Setting
-from analysis.diagnosis.noise.whitener import Whitener, runs_of
+from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import played, response
+from campaigns.facts.base import stretches_of
 from sim_backend.linear import Array, ModalModel, discretise
 
 Mask = NDArray[np.bool_]
@@ -49,7 +50,7 @@ def wanted_inputs(setting: Setting, linear: ModalModel, residuals: Sequence[Arra
 def _levelled(whitener: Whitener, white: Array, mask: Mask, output: int) -> Array:
     """Return filtered values (n,) divided by the noise's levels in its low bands, zero outside the mask."""
     out = np.zeros(white.size)
-    for start, stop in runs_of(mask):
+    for start, stop in stretches_of(mask):
         spectrum = scipy.fft.dct(white[start:stop], norm="ortho")
         if whitener.levels.size:
             levels = whitener.band_levels(spectrum.shape[0], output)

@@ -25,7 +25,7 @@ def lead_of(setting: Setting, fit: Fit, other: Fit) -> float:
 
     Beside an earlier cause, slow noise that is estimated from n coefficients of the residual is known no better: a sum
     of squares S in its units has the likelihood of Student's t, twice its negative logarithm is 2n log(1 + S/n), and S
-    only where the variance is certain. A residual below that estimate is no merit. Noise does not fall towards low
+    only where the variance is certain. A residual below that estimate is not a merit. Noise does not fall towards low
     frequencies, so each band's is taken for no less than that of the bands above. A first cause has to lower the
     estimate itself, which noise seldom does.
     """

@@ -41,7 +41,7 @@ _DRIFTING = 10.0
 """Colour of a residual beyond which it is rather motion than noise."""
 
 _MOVING = 2.5
-"""Colour of a residual beyond which it is no noise alone. The innovations of a noise of spectrum S have the variance
+"""Colour of a residual beyond which it is not noise alone. The innovations of a noise of spectrum S have the variance
 exp(mean of ln S) (Kolmogorov 1941), so that 1/f noise over six decades has the colour sqrt((ln 1e6 + 1) / e) = 2.3."""
 
 _COMPARED, _CLOSE = 3, 2.0 * SURE_LEAD

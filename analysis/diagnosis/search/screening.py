@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Motion, signature
 from analysis.diagnosis.fitting.starts import Start
-from analysis.diagnosis.noise.whitener import TOGETHER, Whitener, runs_of
+from analysis.diagnosis.noise.whitener import TOGETHER, Whitener
 from analysis.diagnosis.nominal.tuning import Nuisance, root_of
 from analysis.diagnosis.records.dataset import Dataset, Record
 from analysis.diagnosis.search.gram import COLLINEAR, Gram, beside_start
 from analysis.diagnosis.side_by_side import side_by_side
+from campaigns.facts.base import stretches_of
 from sim_backend.assembly import Places
 from sim_backend.linear import Array, ModalModel
 
@@ -209,7 +210,7 @@ def _relative(whitener: Whitener, other: Whitener, mask: Mask, output: int) -> t
     """Return which of the masked samples `other` whitens to another size, and to how many times that of `whitener`."""
     at, ratio, first = [np.zeros(0, np.int64)], [np.zeros(0)], 0
     if other is not whitener and whitener.levels.size:
-        for start, stop in runs_of(mask):
+        for start, stop in stretches_of(mask):
             own, others = (w.band_levels(stop - start, output) for w in (whitener, other))
             differ = np.flatnonzero(own != others)
             at.append(first + differ)

@@ -15,8 +15,9 @@ import numpy as np
 import scipy
 
 from analysis.diagnosis.fitting.fit import Setting
-from analysis.diagnosis.noise.whitener import band_of, runs_of
+from analysis.diagnosis.noise.whitener import band_of
 from analysis.diagnosis.records.dataset import Record
+from campaigns.facts.base import stretches_of
 from sim_backend.linear import Array
 
 _GROWTH, _LEAST_ROWS = 1.03, 8
@@ -69,7 +70,7 @@ def series_of(setting: Setting, record: Record, white: Array) -> list[Series]:
         if count < 2:
             mask = np.zeros(record.n, dtype=bool)
             mask[start : w.stop] = True
-            out += [Series(white[a:b], motion[a:b], False) for a, b in runs_of(mask)]
+            out += [Series(white[a:b], motion[a:b], False) for a, b in stretches_of(mask)]
             continue
         periods = white[begin : begin + count * w.period].reshape(count, w.period, -1)
         played = motion[begin : begin + w.period]

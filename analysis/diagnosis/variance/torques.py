@@ -35,7 +35,7 @@ A centre of zero stays there: a low pass, half as wide as the width. An infinite
 def resonator(
     frequency_hz: Array, centre_hz: Array | float, width_hz: Array | float, steep: NDArray[np.bool_] | bool
 ) -> Array:
-    """Return the one-sided spectra (1/Hz) of resonators' outputs of unit variance, shape of all arguments together.
+    """Return one-sided spectra (1/Hz) of resonators' outputs of unit variance, of the shape of all arguments together.
 
     Flanks fall with the square of the distance or, `steep`, with the fourth power of the frequency, as those of a mass
     on a spring under white noise do. Which of the two is real is unknown; the better one counts.

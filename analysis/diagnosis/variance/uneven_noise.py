@@ -18,9 +18,10 @@ import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
-from analysis.diagnosis.noise.whitener import Bands, Whitener, runs_of
+from analysis.diagnosis.noise.whitener import Bands, Whitener
 from analysis.diagnosis.tails import normal_tail
 from analysis.diagnosis.variance.chance import Chance
+from campaigns.facts.base import stretches_of
 from sim_backend.effects.apex_noise import ApexNoise
 from sim_backend.linear import Array
 
@@ -70,7 +71,7 @@ class Law:
 def uneven_noise(setting: Setting, fit: Fit) -> list[Chance]:
     """Return every output whose noise grows with its position, no worse than with anything else.
 
-    Noise that differs between segments, or grows with the excitation, is no effect: where that explains more there is
+    Noise that differs between segments, or grows with the excitation, is not an effect: where it explains more there is
     nothing to name, however well the noise follows the position.
     """
     known = {e.where for e in setting.known if isinstance(e, ApexNoise)}
@@ -140,7 +141,7 @@ def blocks_of(setting: Setting, fit: Fit, output: int) -> Blocks | None:
             mask = np.zeros(record.n, dtype=bool)
             mask[window.start : window.stop] = not window.held_out
             mask[: setting.whitener.order] = False
-            for start, stop in runs_of(mask):
+            for start, stop in stretches_of(mask):
                 rows = slice(start, start + (stop - start) // BLOCK * BLOCK)
                 energy = scipy.fft.dct(white[rows].reshape(-1, BLOCK), axis=1, norm="ortho") ** 2
                 upper.append(energy[:, _UPPER].mean(axis=1))

@@ -70,7 +70,7 @@ class Whittle:
         return fits.floors[0], -float(fits.loss[0])
 
     def bands(self, terms: int, starts: Sequence[Start], floor: Array) -> list[Band | None]:
-        """Return the best band from each start, over a floor of so many terms that starts at `floor`."""
+        """Return the best band from each start, over a floor of so many terms that starts at `floor` (n_y, k)."""
         torques = self._torques(starts)
         fits = self._fitted(terms, floor, torques)
         centres, widths = torques.places(fits.numbers, np.arange(len(starts)))

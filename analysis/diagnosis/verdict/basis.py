@@ -1,4 +1,4 @@
-"""Basis functions of what a bench can do that no model has: each is no listed cause, and every cause resembles some.
+"""Basis functions of what a bench can do that no model has: none is a listed cause, and every cause resembles some.
 
 Each function gives a few signals at one location: torques at an input, which the plant takes to the outputs, or errors
 of a reading. They are no causes and get no name; a cause does not explain the residual that follows one of them beside

@@ -6,8 +6,8 @@ explain more, and with fewer numbers. Each one that is taken pays for having bee
 a cause pays for its location and its parameters. So a right name, which is the shortest description, is never behind;
 a confounder is.
 
-The model discrepancy of an effect counts in its favour. A column that is the effect itself, in other words, is no
-rival of it.
+The model discrepancy of an effect counts in its favour. A column that is the effect itself, in other words, does not
+compete with it.
 """
 
 from __future__ import annotations

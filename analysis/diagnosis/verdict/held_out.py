@@ -22,7 +22,7 @@ _MOST = 0.5
 """Part of the squared output above which the residual is most of it."""
 
 ABOVE_NOISE = 1.2
-"""Times the noise, as rms, from which on the error on held-out samples is no noise."""
+"""Times the noise, as rms, from which on the error on held-out samples is not noise."""
 
 _ABOVE = 2.0
 """Times the noise, as rms, from which on three quarters of the residual in squares are no noise."""

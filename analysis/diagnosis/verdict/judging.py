@@ -341,7 +341,7 @@ def _gaps(found: Found, named: tuple[int, ...], inflation: float) -> list[tuple[
     """Return rival names with the logarithm of the evidence by which the best one leads, closest first.
 
     Fits count with their score; candidates that were screened but not refitted count with their screened evidence, as
-    rivals of the first effect found. What adds nothing to the model is no rival: it could not be named.
+    rivals of the first effect found. What adds nothing to the model is not a rival: it could not be named.
     """
     known = found.setting.whitener.repeats
     own, reference = names_of([found.best.effects[i] for i in named]), score(found.best, known)

@@ -31,8 +31,8 @@ from sim_backend.assembly import Places
 from sim_backend.linear import Array
 
 ONE_IN_A_MILLION = 1e-6
-"""Chance of as much along one function at one location below which it is no noise. Some hundred are tested; the rest of
-the margin is for small modes below any limit, and for a noise that is known from few periods."""
+"""Chance of as much along one function at one location below which it is not noise. Some hundred are tested; what
+is beyond that is for small modes below any limit, and for a noise that is known from few periods."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ _LEVELS = 2**17
 """Waves over the command among which the strongest is chosen: levels of a command are known to their last digit."""
 
 _REPEATED = 2.0
-"""What comes again less often within where the positions mostly are is no pattern."""
+"""What comes again less often within where the positions mostly are is not a pattern."""
 
 _RUNS = 12
 """A sinusoid in time is searched for in so many of the longest records, each with a phase of its own."""

@@ -1,4 +1,4 @@
-"""The lack of fit of the best model: how much of the residual is no noise, where it is, and how sure that is.
+"""The lack of fit of the best model: how much of the residual is not noise, where it is, and how sure that is.
 
 A listed effect is a law; the bench's own is never quite that law. So a name is a claim about a part of the error. The
 lack of fit is stated beside the name and does not withdraw it, as long as no generic alternative does as well.

@@ -1,4 +1,4 @@
-"""Does what differs between periods grow with the excitation? Then it is no noise that a bench has by itself.
+"""Does what differs between periods grow with the excitation? Then it is not a noise that a bench has by itself.
 
 Whatever does not repeat with the drive is absorbed by noise: a stiffness that varies at a rate of its own, an
 intermittent force, a friction that differs from pass to pass. In one record nothing distinguishes it from noise.
@@ -38,7 +38,8 @@ class _Scatter:
 def scatter_follows_play(data: Dataset, residuals: Sequence[Array]) -> str:
     """Return in words how the scatter between periods grows with the motion; nothing where it does not.
 
-    It has to rise from record to record as the motion does, with a chance below 10⁻⁶ in noise that is the same in all.
+    `residuals` are (n, n_y) per record. It has to rise from record to record as the motion does, with a chance below
+    10⁻⁶ in noise that is the same in all.
     """
     for o in range(data.n_outputs):
         found = [_scatter(r, e[:, o], o) for r, e in zip(data.records, residuals, strict=True) if _repeats(r)]

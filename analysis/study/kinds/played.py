@@ -116,6 +116,6 @@ class _Log(Recording):
 def as_log(record: Recording) -> Any:
     """Return a record for the measurements of recorded tests, which are typed for a `Run`.
 
-    It is no `Run`, which holds an open file; they ask for nothing that is not here.
+    It is not a `Run`, which holds an open file; they ask for nothing that is not here.
     """
     return _Log(record.path, record.rows, record.channels, record.segments, record.values)

@@ -165,7 +165,7 @@ def test_bound_of_a_drift_is_what_its_best_estimate_scatters_by(short_one: Campa
         noisy = replace(short_one, noise_seed=seed).noise()
         white = np.concatenate(
             [
-                np.zeros(metric.knobs.size),
+                np.zeros(metric.tuned.size),
                 *(
                     short_one.noises[0].whiten(drawn)[run.rows(held_out=False), 0]
                     for run, drawn in zip(short_one.runs, noisy, strict=True)

@@ -86,9 +86,10 @@ def browser():
         yield tab
 
 
-@pytest.fixture
-def tab(browser, page):
-    browser.open(page)
+@pytest.fixture(params=[(1400, "light"), (390, "dark")], ids=["desk", "phone"])
+def tab(browser, page, request):
+    width, scheme = request.param
+    browser.open(page, width=width, prefers_color_scheme=scheme)
     return browser
 
 
@@ -108,9 +109,12 @@ def test_it_loads_without_errors_and_asks_for_nothing_but_itself(browser, page, 
     browser.open(page, width=width, prefers_color_scheme=scheme)
     assert browser.complaints() == []
     assert browser.requests() == [page.resolve().as_uri()]
-    # the page itself never scrolls sideways; wide tables do so on their own
-    assert browser.run("document.documentElement.scrollWidth") <= width
-    assert headless.cut_off(browser) == []
+    for folded in (True, False):
+        # the page itself never scrolls sideways; wide tables do so on their own
+        assert browser.run("document.documentElement.scrollWidth") <= width
+        assert headless.cut_off(browser) == []
+        if folded:
+            browser.run("document.querySelectorAll('details').forEach(d => { d.open = true; })")
     ground = browser.run("getComputedStyle(document.body).backgroundColor")
     assert (sum(map(int, ground[4:-1].split(","))) > 3 * 128) == (scheme == "light")
 

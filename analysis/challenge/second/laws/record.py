@@ -30,7 +30,7 @@ def between(y: Array, v: Array, rate_hz: float, late: Array) -> Array:
     cap=20.0,
 )
 def off_clock(y: Array, v: Array, p: Array, rate_hz: float, rng: np.random.Generator) -> Array:
-    """A recorder whose clock runs late by a part `p[0]`."""
+    """Return positions (n,) by a recorder whose clock runs late by a part `p[0]`."""
     return between(y, v, rate_hz, p[0] * np.arange(y.size, dtype=float))
 
 
@@ -45,7 +45,7 @@ def off_clock(y: Array, v: Array, p: Array, rate_hz: float, rng: np.random.Gener
     cap=6.0,
 )
 def lost_samples(y: Array, v: Array, p: Array, rate_hz: float, rng: np.random.Generator) -> Array:
-    """A share of the samples repeats the one before."""
+    """Return positions (n,) of which a share `p[0]` repeats the one before."""
     lost = rng.random(y.size) < p[0]
     kept = np.maximum.accumulate(np.where(lost, 0, np.arange(y.size)))
     return np.asarray(y[kept])
@@ -61,7 +61,7 @@ def lost_samples(y: Array, v: Array, p: Array, rate_hz: float, rng: np.random.Ge
     cap=3.0,
 )
 def jitter_bursts(y: Array, v: Array, p: Array, rate_hz: float, rng: np.random.Generator) -> Array:
-    """Bursts in which samples come late by thirds of `p[0]` samples; `p[1]` is their share, `p[2]` their number."""
+    """Return positions (n,) that come late by thirds of `p[0]` samples in `p[2]` bursts, which are a share `p[1]`."""
     n, bursts = y.size, int(p[2])
     burst = np.zeros(n)
     length = max(int(n * p[1] / bursts), 1)

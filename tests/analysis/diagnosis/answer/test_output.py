@@ -194,6 +194,7 @@ def test_the_page_opens_with_the_sentence_and_escapes_whatever_files_say(diagnos
         f"{100.0 * calibrated(0.97):.0f} % probable",
         "delay or amplifier-lag",
         "6.5 standard deviations",
+        "<small>p = 1·10⁻⁹</small>",
         SHA,
         "Mind the gap",
     ):
@@ -220,6 +221,9 @@ def test_every_verdict_has_a_page(diagnosis, oscillator, tmp_path, verdict):
     )
     page = write_page(bare, oscillator, (), tmp_path)["index.html"].read_text(encoding="utf-8")
     assert f'<span class="verdict {verdict}">' in page
+    # where nothing is left to find nothing is advised
+    assert ("Next experiment: none is planned" in page) == (verdict != "consistent")
+    assert ("follows tells what causes it" in page) == (verdict == "unknown")
 
 
 def test_a_folder_that_cannot_be_is_refused_before_the_work(tmp_path):

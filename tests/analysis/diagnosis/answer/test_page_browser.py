@@ -106,9 +106,10 @@ def browser():
         yield tab
 
 
-@pytest.fixture
-def tab(browser, pages):
-    browser.open(pages["named"])
+@pytest.fixture(params=[(1400, "light"), (390, "dark")], ids=["desk", "phone"])
+def tab(browser, pages, request):
+    width, scheme = request.param
+    browser.open(pages["named"], width=width, prefers_color_scheme=scheme)
     return browser
 
 
@@ -135,9 +136,12 @@ def test_it_loads_without_errors_and_asks_for_nothing_but_itself(browser, pages,
     browser.open(page, width=width, prefers_color_scheme=scheme)
     assert browser.complaints() == []
     assert browser.requests() == [page.resolve().as_uri()]
-    assert browser.run("document.documentElement.scrollWidth") <= width
-    assert headless.cut_off(browser) == []
     assert browser.run("document.querySelector('.verdict').textContent") == verdict
+    for folded in (True, False):
+        assert browser.run("document.documentElement.scrollWidth") <= width
+        assert headless.cut_off(browser) == []
+        if folded:
+            browser.run("document.querySelectorAll('details').forEach(d => { d.open = true; })")
     assert browser.run("[...document.querySelectorAll('.canvas')].every(c => c.querySelector('path, rect'))")
 
 
@@ -245,6 +249,11 @@ def test_the_tiles_are_those_of_the_json_and_do_not_contradict_each_other(tab):
     words = tab.run("[...document.querySelectorAll('.tiles li')].map(e => e.textContent)")
     # an error of 10 % beside a noise of 9 %: within what counts as noise
     assert words[-1].startswith("down to the noise")
+    parameters = tab.run("[...document.querySelectorAll('#causes .cause data')].map(e => Number(e.value))")
+    assert parameters == [2.5]
+    assert "2.50 ± 0.12" in tab.run("document.querySelector('#causes td.ours').textContent")
+    rivals = tab.run("[...document.querySelectorAll('#causes details tbody :is(th, td)')].map(e => e.textContent)")
+    assert rivals == ["backlash", "−12.5"]
     sizes = tab.run("[...document.querySelectorAll('#sensitivity data')].map(e => Number(e.value))")
     assert sizes == [one["size"] for one in document(found("named"), SOURCES)["sensitivity"]]
 

@@ -53,7 +53,7 @@ def test_a_consistent_verdict_says_so_where_most_of_the_output_passes_for_noise(
     loud = Gain(("run#a",), 0.95, 0.95, 0.9, 0.0, (0.0, 0.0))
     assert "95.0 % of the held-out output" in sentence("consistent", (), (), loud, {})
     quiet = replace(GAIN, rms_after=GAIN.noise_floor)
-    assert sentence("consistent", (), (), quiet, {}).endswith("what it leaves is noise.")
+    assert sentence("consistent", (), (), quiet, {}).endswith("the residual is noise.")
 
 
 def test_a_consistent_verdict_tells_what_it_misses_of_held_out_rows_beside_the_usual_noise() -> None:

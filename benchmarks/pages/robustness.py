@@ -1,0 +1,36 @@
+"""The table of robustness in docs/control.md, from what `python -m benchmarks.robustness` writes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.pages.marks import link, percent
+
+
+def table(files: Sequence[Path]) -> str:
+    """Return a row for every file and controller as Markdown; raises ValueError without a file."""
+    if not files:
+        raise ValueError("the table of robustness needs at least one results file; name it in the BEGIN mark")
+    heads = ("benches", "controller", "all requirements met (95 %)", "safe", "θx, θy settle within", "stability, 3σ")
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    for file in files:
+        found = json.loads(file.read_text(encoding="utf-8"))
+        lines += [_line(file, found["spread"], name, s) for name, s in found["strategies"].items()]
+    below = "The last two columns are the worst values, of chops that were not stopped and that settled."
+    return "\n".join([*lines, "", below]) + "\n"
+
+
+def _line(file: Path, spread: Any, name: str, s: dict[str, Any]) -> str:
+    drawn = "far" if spread == "far" else f"modes ± {100.0 * spread['frequency']:g} %"
+    low, high = (percent(max(end, 0.0)) for end in s["ci95"])
+    met = f"{s['met']} of {s['of']} ({low}–{high} %)"
+    times = ", ".join(_ms(s["worst"].get(f"settling {axis}")) for axis in ("theta_x", "theta_y"))
+    stability = f"{1e6 * s['worst']['stability']:.3g} µrad"
+    return f"| {link(file, drawn)} | {name} | {met} | {s.get('safe', '–')} | {times} ms | {stability} |"
+
+
+def _ms(seconds: float | None) -> str:
+    return "never" if seconds is None else f"{1e3 * seconds:.1f}"
