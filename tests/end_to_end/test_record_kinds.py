@@ -149,10 +149,11 @@ def test_a_drive_that_is_held_is_not_taken_for_a_smooth_and_late_one(tmp_path):
 
 STIFFENING_HZ, DECAY_1_S, INERTIA, CUBIC, SENSOR_RAD = 14.0, 1.3, 5e-5, 5.0, 3e-5
 STIFF_RATE_HZ, STIFF_PERIOD = 600.0, 600
+FRICTION_NM, STUCK_RAD_S = 5e-5, 2e-3
 
 
-def stiffening(torque_nm: Array, cubic: float) -> Array:
-    """Return the angle (n,) of a light mode with a cubic spring under a held torque (n,), from rest.
+def light_mode(torque_nm: Array, cubic: float, friction_nm: float) -> Array:
+    """Return the angle (n,) of a light mode with a cubic spring and friction under a held torque (n,), from rest.
 
     Runge and Kutta's fourth-order steps, sixteen to a sample: a mode turns by 0.01 in each, and errs by 1e-10 of that.
     """
@@ -160,7 +161,8 @@ def stiffening(torque_nm: Array, cubic: float) -> Array:
     dt = 1.0 / (steps * STIFF_RATE_HZ)
 
     def slope(x: float, v: float, torque: float) -> tuple[float, float]:
-        return v, (torque - cubic * x**3) / INERTIA - omega**2 * x - 2.0 * DECAY_1_S * v
+        rubbed = friction_nm * np.tanh(v / STUCK_RAD_S)
+        return v, (torque - cubic * x**3 - rubbed) / INERTIA - omega**2 * x - 2.0 * DECAY_1_S * v
 
     x, v, out = 0.0, 0.0, np.empty(torque_nm.size)
     for k, torque in enumerate(torque_nm.tolist()):
@@ -179,10 +181,12 @@ HIGHEST = STIFF_PERIOD // 5
 """Line of a period above which nothing is played; the lowest is the second."""
 
 
-def run_from_rest(folder: Path, rng: np.random.Generator, label: str, rms_nm: float, cubic: float) -> Array:
+def run_from_rest(
+    folder: Path, rng: np.random.Generator, label: str, rms_nm: float, cubic: float = 0.0, friction_nm: float = 0.0
+) -> Array:
     """Import four periods from rest as run.h5; return the angle (n,) without noise of these and of eight more."""
     wave = rms_nm * multisine(rng, STIFF_PERIOD, slice(2, HIGHEST))
-    angle = stiffening(np.tile(wave, 12), cubic)
+    angle = light_mode(np.tile(wave, 12), cubic, friction_nm)
     u, y = np.tile(wave, 4), angle[: 4 * STIFF_PERIOD]
     folder.mkdir()
     write_data(folder, u, y + SENSOR_RAD * rng.standard_normal(y.size))
@@ -194,18 +198,27 @@ def run_from_rest(folder: Path, rng: np.random.Generator, label: str, rms_nm: fl
 
 def test_the_swing_from_rest_is_no_noise_of_a_linear_plant(tmp_path):
     """The noise that is told is that on the lines that are played, as a part of what the bench answers there."""
-    angle = run_from_rest(tmp_path / "run", np.random.default_rng(616), "run", 3e-3, cubic=0.0)
+    angle = run_from_rest(tmp_path / "run", np.random.default_rng(616), "run", 3e-3)
     settled = angle[-STIFF_PERIOD:]  # nothing of the start is left after eleven seconds: exp(-14)
     played_part = (HIGHEST - 2) / (STIFF_PERIOD / 2)
     noise = SENSOR_RAD * np.sqrt(played_part) / settled.std()
     assert fitted(tmp_path / "run")["noise"] == pytest.approx(noise, rel=NEAR)
 
 
-def test_a_run_that_is_held_out_as_a_whole_is_simulated_from_rest(tmp_path):
-    rng = np.random.default_rng(617)
-    run_from_rest(tmp_path / "fit", rng, "fit", 8e-3, CUBIC)
-    run_from_rest(tmp_path / "small", rng, "small", 2.5e-3, CUBIC)
-    checked = run_from_rest(tmp_path / "check", rng, "held-out", 5e-3, CUBIC)[: 4 * STIFF_PERIOD]
+@pytest.mark.parametrize(
+    ("seed", "effect", "parameter", "law", "most_std"),
+    [
+        (617, "cubic-stiffness", "stiffness", {"cubic": CUBIC}, 1e-3),
+        (618, "coulomb-friction", "torque", {"friction_nm": FRICTION_NM}, 1e-3 * FRICTION_NM),
+    ],
+)
+def test_a_run_that_is_held_out_as_a_whole_is_simulated_from_rest(
+    tmp_path: Path, seed: int, effect: str, parameter: str, law: dict[str, float], most_std: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    run_from_rest(tmp_path / "fit", rng, "fit", 8e-3, **law)
+    run_from_rest(tmp_path / "small", rng, "small", 2.5e-3, **law)
+    checked = run_from_rest(tmp_path / "check", rng, "held-out", 5e-3, **law)[: 4 * STIFF_PERIOD]
     noise = SENSOR_RAD / checked.std()
     fitted(tmp_path / "small")
     runs = [f"{name}/run.h5" for name in ("fit", "small", "check")]
@@ -214,9 +227,10 @@ def test_a_run_that_is_held_out_as_a_whole_is_simulated_from_rest(tmp_path):
     found = json.loads(done.stdout)
     assert found["verdict"] == "named"
     (cause,) = found["causes"]
-    assert cause["effect"] == "cubic-stiffness"
-    stiffness = cause["parameters"]["stiffness"]
-    assert abs(stiffness["value"] - CUBIC) < 4.0 * stiffness["std"]
-    assert stiffness["std"] < 1e-3
+    assert cause["effect"] == effect
+    size = cause["parameters"][parameter]
+    (true,) = law.values()
+    assert abs(size["value"] - true) < 4.0 * size["std"]
+    assert size["std"] < most_std
     assert found["gain"]["noise_floor"] == pytest.approx(noise, rel=NEAR)
     assert found["gain"]["rms_after"] == pytest.approx(noise, rel=NEAR)
