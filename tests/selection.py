@@ -23,6 +23,7 @@ BENCHES = (
     "linear_benches",
     "many_segments",
     "paper_case",
+    "record_kinds",
     "robustness",
     "rubbing_axis",
     "spring",
@@ -38,7 +39,7 @@ BLIND = "end_to_end/test_blind_families.py::test_a_hidden_cause_is_named_and_add
 THOROUGH = (
     (f"{BLIND}*", "a diagnosis each; one family of every site where effects act stays"),
     ("end_to_end/test_blind_families.py::test_two_hidden_causes_*", "pairs take a minute each"),
-    ("end_to_end/test_mirror.py::*", "the measured mirror takes five minutes"),
+    *((f"end_to_end/test_{name}.py::*", "measured data take minutes") for name in ("mirror", "tanks", "robot_arm")),
     ("end_to_end/test_design.py::*", "a whole design and what it reaches; test_schema.py and pages run the command"),
     *((f"end_to_end/test_{name}.py::*", BENCH) for name in BENCHES),
     ("end_to_end/test_markup.py::test_a_diagnosis_shows_markup_*", "two minutes each; test_page_browser.py stays"),
@@ -75,8 +76,6 @@ THOROUGH = (
     ("analysis/diagnosis/variance/test_causes.py::test_one_rate_for_all_kinds_holds_on_noise_alone", DRAWN),
     ("analysis/diagnosis/variance/test_broadband.py::test_none_is_found_in_coloured_noise_alone", DRAWN),
     ("analysis/diagnosis/variance/test_broadband.py::test_an_amplifier_*", DRAWN),
-    ("analysis/diagnosis/variance/test_broadband.py::test_a_band_is_found_and_measured*0.1-60*", DRAWN),
-    ("analysis/diagnosis/variance/test_broadband.py::test_a_band_is_found_and_measured*0.01-12*", DRAWN),
     ("analysis/diagnosis/variance/test_broadband.py::test_a_torque_of_all_frequencies_*", DRAWN),
     ("analysis/diagnosis/variance/test_lines.py::*", DRAWN),
     ("analysis/diagnosis/test_runs.py::test_noise_is_no_line", DRAWN),
@@ -337,6 +336,8 @@ STAY = (
         f"analysis/challenge/test_limits.py::test_signature_grows_*{family}]"
         for family in ("ActuatorGain", "ForceConstant", "CubicStiffness", "SensorGain", "StiffnessShift", "ClockError")
     ),
+    "end_to_end/test_record_kinds.py::test_a_period_*",
+    "end_to_end/test_record_kinds.py::test_both_commands_*",
     "packaging/test_plugin.py::test_a_package_that_does_not_keep_its_promise_*broken*",
     "packaging/test_plugin.py::test_a_package_that_does_not_keep_its_promise_*cubic-stiffness*own*",
     "packaging/test_plugin.py::test_a_strategy_that_returns_no_sound_stages_*Thing = 3-*",
