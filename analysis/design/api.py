@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.design.expected import Motion
-from analysis.design.feedback import FeedbackDesign, frequency_grid, safe_feedbacks
-from analysis.design.learning import LEFT, WAIT_S, LearningDesign, design_learning
+from analysis.design.feedback import QUIET, FeedbackDesign, frequency_grid, safe_feedbacks
+from analysis.design.learning import WAIT_S, LearningDesign, design_learning
 from analysis.design.magnetic_hysteresis import with_iron
 from analysis.design.moves import Move
 from analysis.design.noise import MeasuredNoise, measure_noise
-from analysis.design.price import CUTOFFS_HZ, Price, affordable, price_curve, price_of
-from analysis.design.uncertainty import Tolerance, drawn_plants
-from analysis.measurements.settling import BAND_RAD
+from analysis.design.price import CUTOFFS_HZ, Price, affordable, other_prices, price_curve, price_of
+from analysis.design.uncertainty import Tolerance, drawn_plants, late_samples
 from analysis.recorded.chop import TIP_TILT
 from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
 from analysis.recorded.sweep import Sweep, sweep_of
@@ -25,6 +24,7 @@ from campaigns.progress import Report, unheard
 from campaigns.strategies.controller import AxisControl, Blocks, Controller, DesignedFor
 from campaigns.strategies.design import Design
 from sim_backend.bench import Limits
+from sim_backend.control.inversion import advanced
 from sim_backend.control.lqg import Noise
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import ModalModel
@@ -49,7 +49,7 @@ class Options:
     most_w: float | None = None
     periods: int = 20
     tolerance: Tolerance = Tolerance()
-    plants: int = 40
+    plants: int = 100
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -158,10 +158,12 @@ def _design_axis(
             price = price_of(design, dof, options.reach_rad, options.settling_s, limits, column)
         else:
             price = affordable(curve, options.most_w)
-        feedback, learning = _loops(plants, noise.noise, sweep, options, price, rate)
+        prices = (price, *other_prices(design, dof, options.reach_rad, price, limits, column))
+        price, feedback, learning = _loops(plants, noise.noise, sweep, options, prices, rate)
     except ConfigError as error:
         raise ConfigError(f"axis '{dof}': {error}") from None
-    control = _control(dof, feedback, learning, price.move, options, rate)
+    late = late_samples(plants, rate)
+    control = _control(dof, feedback, learning, price.move, options, rate, late)
     _require(dof, "3σ on the worst plant", float(feedback.three_sigma_rad.max()), STABILITY_RAD, "rad")
     _require(dof, "peak current", price.peak_a, float(limits.current_a), "A")
     time_s = np.arange(price.motion_rad.size) / rate
@@ -169,32 +171,42 @@ def _design_axis(
 
 
 def _loops(
-    plants: list[ModalModel], noise: Noise, sweep: Sweep | None, options: Options, price: Price, rate_hz: float
-) -> tuple[FeedbackDesign, LearningDesign]:
-    """Return the quietest feedback around which learning leaves LEFT of the band or less, and that learning.
+    plants: list[ModalModel],
+    noise: Noise,
+    sweep: Sweep | None,
+    options: Options,
+    prices: Sequence[Price],
+    rate_hz: float,
+) -> tuple[Price, FeedbackDesign, LearningDesign]:
+    """Return feedback and learning for the first of `prices` with which they are good enough, or the best of all.
 
-    Where none does, the one that leaves least. What the quietest of all does to a sharp mode may make the closed loop
-    too uncertain to learn around. Raises the reason against the quietest one where learning is sure around none.
+    What a feedback does to a sharp mode may make the closed loop too uncertain to learn around; another shape of the
+    move has less there. Louder feedbacks than `safe_feedbacks` calls quiet are tried where none of these will do.
+    Raises the reason against the first where learning is sure around none.
     """
     grid = frequency_grid(plants[0], rate_hz)
-    motion = Motion.of(price.motion_rad, price.drive_nm, round(price.allowed_s * rate_hz))
-    bands = [cutoff for cutoff in CUTOFFS_HZ if cutoff >= price.cutoff_hz]
-    found: list[tuple[FeedbackDesign, LearningDesign]] = []
+    late = late_samples(plants, rate_hz)
+    found: list[tuple[Price, FeedbackDesign, LearningDesign]] = []
     refused: list[ConfigError] = []
     for feedback in safe_feedbacks(plants, noise, rate_hz):
-        if (found or refused) and feedback.three_sigma_rad.max() > STABILITY_RAD:
+        loud = float(feedback.three_sigma_rad.max())
+        if (found and loud > QUIET * STABILITY_RAD) or ((found or refused) and loud > STABILITY_RAD):
             break
-        try:
-            learning = design_learning(plants, feedback.controller, grid, sweep, options.periods, bands, motion)
-        except ConfigError as error:
-            refused.append(error)
-            continue
-        found.append((feedback, learning))
-        if learning.expected.left_rad <= LEFT * BAND_RAD:
-            return found[-1]
+        for price in prices:
+            drive = advanced(price.drive_nm, late)
+            motion = Motion.of(price.motion_rad, drive, round(price.allowed_s * rate_hz))
+            bands = [cutoff for cutoff in CUTOFFS_HZ if cutoff >= price.cutoff_hz]
+            try:
+                made = design_learning(plants, feedback.controller, grid, sweep, options.periods, bands, motion)
+            except ConfigError as error:
+                refused.append(error)
+                continue
+            found.append((price, feedback, made))
+            if made.is_good:
+                return found[-1]
     if not found:
         raise refused[0]
-    return min(found, key=lambda both: both[1].expected.left_rad)
+    return min(found, key=lambda one: one[2].rank())
 
 
 def _quiet(rest: Run, dof: str) -> Array:
@@ -205,7 +217,13 @@ def _quiet(rest: Run, dof: str) -> Array:
 
 
 def _control(
-    dof: str, feedback: FeedbackDesign, learning: LearningDesign, move: Move, options: Options, rate_hz: float
+    dof: str,
+    feedback: FeedbackDesign,
+    learning: LearningDesign,
+    move: Move,
+    options: Options,
+    rate_hz: float,
+    late: float,
 ) -> AxisControl:
     return AxisControl(
         dof=dof,
@@ -220,6 +238,7 @@ def _control(
         wait_s=WAIT_S,
         gains=list(learning.gains),
         shrinks_to=learning.shrinks_to,
+        late_samples=late,
     )
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.design.uncertainty import MOST
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.repetitive import process_sensitivity, q_response
 from sim_backend.linear import ModalModel, discretise
@@ -48,8 +49,12 @@ class Expected:
 
     @property
     def left_rad(self) -> float:
-        """The largest error after a step that is left on any plant at the end."""
-        return float(self.after_rad[-1].max())
+        """The largest error after a step that is left at the end on MOST of the plants."""
+        return float(np.quantile(self.after_rad[-1], MOST))
+
+    def strays_rad(self, periods: int) -> float:
+        """Return the largest error after a step once so many periods were learned from, on MOST of the plants."""
+        return float(np.quantile(self.after_rad[periods:].max(axis=0), MOST))
 
     def shrinks_to(self, above_rad: float) -> float:
         """Return which part of an error (rms) above `above_rad` a period leaves at most; 0 where none is larger."""

@@ -9,6 +9,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.design.uncertainty import MOST
+from analysis.recorded.requirements import STABILITY_RAD
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.feedback import Margins, closed_loop_poles, loop_margins
 from sim_backend.control.lqg import Noise, least_reading_rad, lqg, reading_spectrum
@@ -23,11 +25,14 @@ PEAK_DB = 6.0
 (Åström and Murray, Feedback Systems, 2008, section 12.3)."""
 
 WORST_PEAK_DB = 8.0
-"""Largest peak of |S| on any plant within the uncertainty: none comes nearer to instability than 0.4."""
+"""Largest peak of |S| on MOST plants within the uncertainty: they come no nearer to instability than 0.4."""
 
 SLIGHT = 0.01
 """A mode with less of the static gain than this may be left out of the model that the estimator knows: it then keeps
 away from it, where knowing it precisely would only help on the identified plant."""
+
+QUIET = 0.5
+"""Part of the required stability that the noise may take on the worst plant: another bench is up to twice as loud."""
 
 EFFORTS_RAD_NM = tuple(float(e) for e in np.geomspace(1e-4, 1e-2, 25))
 """From the fastest regulator that amplifiers could follow to one so slow that lightly damped modes stay as they are,
@@ -72,9 +77,10 @@ def design_feedback(plants: list[ModalModel], noise: Noise, rate_hz: float) -> F
 
 
 def safe_feedbacks(plants: list[ModalModel], noise: Noise, rate_hz: float) -> Iterator[FeedbackDesign]:
-    """Yield the feedbacks whose |S| keeps its limits on all `plants`, by their predicted 3σ on the worst of them.
+    """Yield the feedbacks whose |S| keeps its limits on all `plants`, the first of them identified.
 
-    The first plant is the identified one. Raises ConfigError when no feedback keeps every plant stable within that.
+    First those that are quiet even with twice the noise, the largest margin first; then the others, by their predicted
+    3σ on the worst plant. Raises ConfigError when no feedback keeps every plant stable within that.
     """
     f = frequency_grid(plants[0], rate_hz)
     responses = np.stack([discretise(p, rate_hz).frequency_response(f)[:, 0, 0] for p in plants])
@@ -86,17 +92,17 @@ def safe_feedbacks(plants: list[ModalModel], noise: Noise, rate_hz: float) -> It
     if not solved:
         raise ConfigError("feedback: no Riccati equation of this plant and noise has a solution; use another model")
     least = 3.0 * least_reading_rad(plants[0], noise, rate_hz)
-    safe = [one for one in solved if one.peak_db[0] <= PEAK_DB and one.peak_db.max() <= WORST_PEAK_DB]
+    safe = [one for one in solved if one.peak_db[0] <= PEAK_DB and one.most_peak_db <= WORST_PEAK_DB]
     found = False
-    for one in sorted(safe, key=lambda one: float(one.three_sigma_rad.max())):
+    for one in sorted(safe, key=_rank):
         if all(largest_pole(plant, one.controller, rate_hz) < 1.0 for plant in plants):
             found = True
             yield _described(f, responses[0], plants[0], one, noise, least, rate_hz)
     if found:
         return
-    lowest = min((float(one.peak_db.max()), float(one.peak_db[0])) for one in solved)
+    lowest = min((one.most_peak_db, float(one.peak_db[0])) for one in solved)
     raise ConfigError(
-        f"feedback: the peak of |S| on the worst plant within the uncertainty is {lowest[0]:.2f} dB at best and then "
+        f"feedback: on 95 % of the plants within the uncertainty |S| peaks at {lowest[0]:.2f} dB at best and then at "
         f"{lowest[1]:.2f} dB on the identified one, the limits are {WORST_PEAK_DB:g} and {PEAK_DB:g} dB with every "
         "plant stable; identify the axis better or state a smaller tolerance"
     )
@@ -119,6 +125,11 @@ class _Candidate:
     peak_db: Array
     three_sigma_rad: Array
 
+    @property
+    def most_peak_db(self) -> float:
+        """The peak of |S| in dB that MOST of the plants keep."""
+        return float(np.quantile(self.peak_db, MOST))
+
 
 def _candidate(
     f: Array, responses: ComplexArray, plant: ModalModel, noise: Noise, effort: float, distrust: float, rate_hz: float
@@ -131,6 +142,13 @@ def _candidate(
     response = made.frequency_response(f)
     peak_db = 20.0 * np.log10(np.max(1.0 / np.abs(1.0 + responses * response), axis=1))
     return _Candidate(made, effort, distrust, peak_db, three_sigma(f, responses, response, noise, rate_hz))
+
+
+def _rank(one: _Candidate) -> tuple[bool, float]:
+    """Return by what feedbacks are tried: the worst peak of |S| of those that are quiet, the noise of the others."""
+    loud = float(one.three_sigma_rad.max())
+    quiet = loud <= QUIET * STABILITY_RAD
+    return not quiet, one.most_peak_db if quiet else loud
 
 
 def _described(

@@ -151,7 +151,7 @@ def axis_rows(designed: Designed) -> list[tuple[str, ...]]:
             ),
             (
                 "",
-                "left by learning, worst plant, µrad",
+                "left by learning, 95 % of plants, µrad",
                 f"{1e6 * one.learning.expected.left_rad:.3f}",
                 f"{1e6 * BAND_RAD:g}",
             ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,10 @@ from sim_backend.model import Model, Quantity, Value
 
 Array = NDArray[np.float64]
 
+
+MOST = 0.95
+"""Part of the plants for which a design answers, all being stable: the worst of all depends on how many were drawn. On
+the others learning is stopped where it does not converge (`campaigns.strategies.watch`)."""
 
 LATE_SAMPLES = 1.0
 """Delay by which a bench may differ from its model, either way."""
@@ -81,6 +86,12 @@ def drawn_plants(
             )
         )
     return plants
+
+
+def late_samples(plants: Sequence[ModalModel], rate_hz: float) -> float:
+    """Return by how many samples `plants` answer after the first of them, the identified one, in the middle."""
+    late = [float(np.max(plant.delay_s - plants[0].delay_s)) * rate_hz for plant in plants]
+    return 0.5 * (max(late) + min(late))
 
 
 def _delays(nominal: ModalModel, swings: bool, rate_hz: float, rng: np.random.Generator) -> Array:

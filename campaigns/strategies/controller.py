@@ -73,7 +73,8 @@ class AxisControl(_Strict, frozen=True, kw_only=True):
     one takes longer by the root of its length, so that its torque is no larger. The feedback is always closed. After
     `wait_s` (whole periods, one at least) the input is learned for one period with each of `gains`, through `learning`
     with `lead_samples`, behind a low pass of `q_half_length` taps aside at `q_cutoff_hz`; then it is frozen. A period
-    with gain 1 leaves `shrinks_to` of an error at most, or learning is stopped (`campaigns.strategies.watch`).
+    with gain 1 leaves `shrinks_to` of an error at most, or learning is stopped (`campaigns.strategies.watch`). What is
+    learned begins with a feed-forward for a bench that answers `late_samples` after the model.
     """
 
     dof: str
@@ -88,6 +89,7 @@ class AxisControl(_Strict, frozen=True, kw_only=True):
     wait_s: float
     gains: list[float]
     shrinks_to: float = 0.5
+    late_samples: float = 0.0
 
     def samples(self, distance_rad: float) -> int:
         """Return how many samples a move over a distance takes; raises ConfigError for more than a move may take."""
@@ -219,6 +221,8 @@ def _check(one: AxisControl, rate_hz: float, where: str) -> None:
             f"{place}: a wait of {one.wait_s} s and a lead of {one.lead_samples} samples; neither may be negative, nor "
             f"the wait beyond {MOST_WAIT_S:g} s"
         )
+    if not (math.isfinite(one.late_samples) and abs(one.late_samples) <= one.move_samples):
+        raise ConfigError(f"{place}: late_samples is {one.late_samples}; a bench is not later than a move takes")
     if one.move_samples > MOST_MOVE_SAMPLES or one.q_half_length > MOST_TAPS_ASIDE:
         raise ConfigError(
             f"{place}: a move of {one.move_samples} samples and a low pass of {one.q_half_length} taps aside; at most "

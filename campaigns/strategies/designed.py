@@ -23,7 +23,7 @@ from sim_backend.bench import Gate, Learning
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.chop import AxisProgram, Chop
 from sim_backend.control.concentrated import concentrated_move
-from sim_backend.control.inversion import periodic_input
+from sim_backend.control.inversion import advanced, periodic_input
 from sim_backend.control.repetitive import convergence, process_sensitivity, q_taps
 from sim_backend.effects import Site, effect_class
 from sim_backend.effects.base import Aux
@@ -162,6 +162,8 @@ def _require_convergence(design: Design, control: AxisControl, loop: DiscreteFil
 def _program(design: Design, control: AxisControl, chop: Chop, axis: int, knowledge: Knowledge) -> AxisProgram:
     motion = motion_of(control, chop)
     drive = feedforward_of(design, control.dof, motion, knowledge)
+    if knowledge == "learned":
+        drive = advanced(drive, control.late_samples)
     return AxisProgram(motion, drive, (Gate(0, axis, True, 0.0),))
 
 

@@ -53,6 +53,15 @@ def periodic_input(plant: ModalModel, motion: ArrayLike, rate_hz: float) -> Arra
     return np.fft.irfft(drive, wanted.size)
 
 
+def advanced(periodic: ArrayLike, samples: float) -> Array:
+    """Return one period (n,) as it is so many `samples` later, between samples by its Fourier series."""
+    values = np.asarray(periodic, dtype=float)
+    lines = np.fft.rfft(values) * np.exp(2j * np.pi * np.arange(values.size // 2 + 1) * samples / values.size)
+    if values.size % 2 == 0:
+        lines[-1] = lines[-1].real
+    return np.fft.irfft(lines, values.size)
+
+
 def siso_matrices(plant: DiscreteModel) -> tuple[Array, Array, Array]:
     """Return A (n, n), B (n, 1) and C (1, n) of a plant of one input and output, its delay included.
 
