@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.design.expected import Motion
-from analysis.design.feedback import QUIET, FeedbackDesign, frequency_grid, safe_feedbacks
-from analysis.design.learning import WAIT_S, LearningDesign, design_learning
+from analysis.design.feedback import FeedbackDesign, frequency_grid, safe_feedbacks
+from analysis.design.learning import ENOUGH, WAIT_S, LearningDesign, design_learning
 from analysis.design.magnetic_hysteresis import with_iron
 from analysis.design.moves import Move
 from analysis.design.noise import MeasuredNoise, measure_noise
-from analysis.design.price import CUTOFFS_HZ, Price, affordable, other_prices, price_curve, price_of
+from analysis.design.price import CUTOFFS_HZ, Price, affordable, price_curve, price_of
 from analysis.design.uncertainty import Tolerance, drawn_plants, late_samples
 from analysis.recorded.chop import TIP_TILT
 from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
@@ -32,6 +33,9 @@ from sim_backend.model import Model
 
 Array = NDArray[np.float64]
 
+
+TRIED = 8
+"""Feedbacks around which learning is designed, those with most margin first."""
 
 MOST_SETTLING_S = 0.1
 """Longest time to design a move for: the dwell of the chop that its power is judged on."""
@@ -158,8 +162,7 @@ def _design_axis(
             price = price_of(design, dof, options.reach_rad, options.settling_s, limits, column)
         else:
             price = affordable(curve, options.most_w)
-        prices = (price, *other_prices(design, dof, options.reach_rad, price, limits, column))
-        price, feedback, learning = _loops(plants, noise.noise, sweep, options, prices, rate)
+        feedback, learning = _loops(plants, noise.noise, sweep, options, price, rate)
     except ConfigError as error:
         raise ConfigError(f"axis '{dof}': {error}") from None
     late = late_samples(plants, rate)
@@ -171,42 +174,33 @@ def _design_axis(
 
 
 def _loops(
-    plants: list[ModalModel],
-    noise: Noise,
-    sweep: Sweep | None,
-    options: Options,
-    prices: Sequence[Price],
-    rate_hz: float,
-) -> tuple[Price, FeedbackDesign, LearningDesign]:
-    """Return feedback and learning for the first of `prices` with which they are good enough, or the best of all.
+    plants: list[ModalModel], noise: Noise, sweep: Sweep | None, options: Options, price: Price, rate_hz: float
+) -> tuple[FeedbackDesign, LearningDesign]:
+    """Return feedback and learning with which most benches will meet what is asked, or the first that suffice.
 
-    What a feedback does to a sharp mode may make the closed loop too uncertain to learn around; another shape of the
-    move has less there. Louder feedbacks than `safe_feedbacks` calls quiet are tried where none of these will do.
-    Raises the reason against the first where learning is sure around none.
+    What a feedback does to a sharp mode may make the closed loop too uncertain to learn around. Raises the reason
+    against the first where learning is sure around none.
     """
     grid = frequency_grid(plants[0], rate_hz)
-    late = late_samples(plants, rate_hz)
-    found: list[tuple[Price, FeedbackDesign, LearningDesign]] = []
+    drive = advanced(price.drive_nm, late_samples(plants, rate_hz))
+    motion = Motion.of(price.motion_rad, drive, round(price.allowed_s * rate_hz))
+    bands = [cutoff for cutoff in CUTOFFS_HZ if cutoff >= price.cutoff_hz]
+    found: list[tuple[FeedbackDesign, LearningDesign]] = []
     refused: list[ConfigError] = []
-    for feedback in safe_feedbacks(plants, noise, rate_hz):
-        loud = float(feedback.three_sigma_rad.max())
-        if (found and loud > QUIET * STABILITY_RAD) or ((found or refused) and loud > STABILITY_RAD):
+    for feedback in islice(safe_feedbacks(plants, noise, rate_hz), TRIED):
+        if (found or refused) and feedback.three_sigma_rad.max() > STABILITY_RAD:
             break
-        for price in prices:
-            drive = advanced(price.drive_nm, late)
-            motion = Motion.of(price.motion_rad, drive, round(price.allowed_s * rate_hz))
-            bands = [cutoff for cutoff in CUTOFFS_HZ if cutoff >= price.cutoff_hz]
-            try:
-                made = design_learning(plants, feedback.controller, grid, sweep, options.periods, bands, motion)
-            except ConfigError as error:
-                refused.append(error)
-                continue
-            found.append((price, feedback, made))
-            if made.is_good:
-                return found[-1]
+        try:
+            learning = design_learning(plants, feedback.controller, grid, sweep, options.periods, bands, motion)
+        except ConfigError as error:
+            refused.append(error)
+            continue
+        found.append((feedback, learning))
+        if feedback.quiet * learning.meets >= ENOUGH:
+            return found[-1]
     if not found:
         raise refused[0]
-    return min(found, key=lambda one: one[2].rank())
+    return max(found, key=lambda both: both[0].quiet * both[1].meets)
 
 
 def _quiet(rest: Run, dof: str) -> Array:

@@ -52,15 +52,11 @@ class Expected:
         """The largest error after a step that is left at the end on MOST of the plants."""
         return float(np.quantile(self.after_rad[-1], MOST))
 
-    def strays_rad(self, periods: int) -> float:
-        """Return the largest error after a step once so many periods were learned from, on MOST of the plants."""
-        return float(np.quantile(self.after_rad[periods:].max(axis=0), MOST))
-
     def shrinks_to(self, above_rad: float) -> float:
-        """Return which part of an error (rms) above `above_rad` a period leaves at most; 0 where none is larger."""
+        """Return which part of an error (rms) above `above_rad` a period leaves on MOST plants; 0 where none is."""
         before, after = self.rms_rad[:-1], self.rms_rad[1:]
-        large = before > above_rad
-        return float(np.max(after[large] / before[large], initial=0.0))
+        ratio = np.where(before > above_rad, after / np.maximum(before, above_rad), 0.0)
+        return float(np.quantile(ratio.max(axis=0), MOST))
 
 
 class Learned:

@@ -60,6 +60,11 @@ class FeedbackDesign:
     from_reading_rad: float
     least_rad: float
 
+    @property
+    def quiet(self) -> float:
+        """The part of benches whose stability is met, with noise of half to twice that measured (uniform in log)."""
+        return float(np.mean(np.clip(0.5 * (1.0 + np.log2(STABILITY_RAD / self.three_sigma_rad)), 0.0, 1.0)))
+
 
 def frequency_grid(plant: ModalModel, rate_hz: float) -> Array:
     """Return frequencies (n,) up to half the rate that resolve every mode of a plant."""

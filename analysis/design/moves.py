@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -41,20 +40,13 @@ class Move:
     unlearned_rad: float
 
 
-def design_move(
-    plant: ModalModel,
-    reach_rad: float,
-    settling_s: float,
-    cutoff_hz: float,
-    rate_hz: float,
-    concentrations: Sequence[float] = CONCENTRATIONS,
-) -> Move:
+def design_move(plant: ModalModel, reach_rad: float, settling_s: float, cutoff_hz: float, rate_hz: float) -> Move:
     """Return the move of least peak torque; raises ConfigError when none arrives in time within the learned band."""
     allowed = int(MARGIN * settling_s * rate_hz)
     dwell = max(round(CHOP_DWELL_S * rate_hz), 4 * allowed)
     found: list[Move] = []
     least = np.inf
-    for concentration in concentrations:
+    for concentration in CONCENTRATIONS:
         n = _longest(concentration, reach_rad, allowed)
         if n is None:
             continue

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.design.moves import CHOP_DWELL_S, CONCENTRATIONS, Move, design_move
+from analysis.design.moves import CHOP_DWELL_S, Move, design_move
 from campaigns.strategies.design import Design
 from campaigns.strategies.designed import feedforward_of, move_over
 from campaigns.strategies.overload import dissipated_w
@@ -45,20 +44,12 @@ class Price:
     drive_nm: Array
 
 
-def price_of(
-    design: Design,
-    dof: str,
-    reach_rad: float,
-    allowed_s: float,
-    limits: Limits,
-    column: int,
-    concentrations: Sequence[float] = CONCENTRATIONS,
-) -> Price:
+def price_of(design: Design, dof: str, reach_rad: float, allowed_s: float, limits: Limits, column: int) -> Price:
     """Return the move of stroke `reach_rad` within `allowed_s` and its price; ConfigError when there is none.
 
     `column` is the axis's in the bench's `limits`.
     """
-    move, cutoff_hz = _narrowest(design, dof, reach_rad, allowed_s, concentrations)
+    move, cutoff_hz = _narrowest(design, dof, reach_rad, allowed_s)
     rate = design.rate_hz
     chop = Chop((reach_rad, 0.0), max(round(CHOP_DWELL_S * rate), 2 * move.n_samples), rate)
     motion = move_over(chop, lambda _: move.n_samples, move.concentration, dof)
@@ -81,22 +72,6 @@ def price_curve(design: Design, dof: str, reach_rad: float, limits: Limits, colu
     return tuple(found)
 
 
-def other_prices(
-    design: Design, dof: str, reach_rad: float, price: Price, limits: Limits, column: int
-) -> tuple[Price, ...]:
-    """Return moves of other shapes than that of `price` that take as long, those of least current first.
-
-    They need more torque, and have less at the frequencies of the modes.
-    """
-    found: list[Price] = []
-    for one in CONCENTRATIONS:
-        if one != price.move.concentration:
-            with suppress(ConfigError):
-                found.append(price_of(design, dof, reach_rad, price.allowed_s, limits, column, (one,)))
-    within = [one for one in found if one.peak_a <= float(limits.current_a)]
-    return tuple(sorted(within, key=lambda one: one.peak_a))
-
-
 def affordable(curve: Sequence[Price], most_w: float) -> Price:
     """Return the fastest point of a curve that dissipates `most_w` at most; raises ConfigError where none does."""
     within = [one for one in curve if one.power_w <= most_w]
@@ -111,14 +86,12 @@ def affordable(curve: Sequence[Price], most_w: float) -> Price:
     )
 
 
-def _narrowest(
-    design: Design, dof: str, reach_rad: float, allowed_s: float, concentrations: Sequence[float]
-) -> tuple[Move, float]:
+def _narrowest(design: Design, dof: str, reach_rad: float, allowed_s: float) -> tuple[Move, float]:
     """Return the move that fits into the narrowest band, and that band: what lies above is best left unlearned."""
     plant = design.axis(dof)
     for cutoff in CUTOFFS_HZ:
         try:
-            return design_move(plant, reach_rad, allowed_s, cutoff, design.rate_hz, concentrations), cutoff
+            return design_move(plant, reach_rad, allowed_s, cutoff, design.rate_hz), cutoff
         except ConfigError:
             if cutoff == CUTOFFS_HZ[-1]:
                 raise
