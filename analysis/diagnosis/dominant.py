@@ -63,9 +63,6 @@ _NEAR = 3.0
 _LARGE = 5.0
 """Ratio of a residual to repeating noise beyond which the residual is model error and next to no noise."""
 
-_BENEATH = 0.5
-"""Ratio of a residual to the noise below which the noise was overestimated: no fit takes out three quarters of it."""
-
 _COARSER = 4
 """Factor on the step that a small torque would need: the error of the model is many times the noise."""
 
@@ -117,15 +114,6 @@ def still_large(found: Found) -> bool:
     Where it is not, every sample and every refinement counts, and that is another search.
     """
     return _noises(found) > _LARGE
-
-
-def beneath_noise(found: Found) -> bool:
-    """Tell whether the best fit leaves so little that what was taken for noise is none.
-
-    A transient from rest that fades slowly differs between periods as noise does; the search in which every sample
-    counts estimates the noise again.
-    """
-    return _noises(found) < _BENEATH
 
 
 def dominant_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, progress: Progress) -> Found:

@@ -10,14 +10,7 @@ import numpy as np
 
 from analysis.diagnosis.answer.sentence import reservation, sentence
 from analysis.diagnosis.candidates.signature import Scales
-from analysis.diagnosis.dominant import (
-    beneath_noise,
-    dominant_cause,
-    judge_dominant,
-    large_discrepancy,
-    remainder,
-    still_large,
-)
+from analysis.diagnosis.dominant import dominant_cause, judge_dominant, large_discrepancy, remainder, still_large
 from analysis.diagnosis.evidence.as_given import error_as_given
 from analysis.diagnosis.evidence.confirmed import confirmed
 from analysis.diagnosis.evidence.domains import evidence
@@ -139,8 +132,7 @@ def search_causes(
     scales = scales_of(data, linear)
     if own and (large := large_discrepancy(setting)):
         found = dominant_cause(*large, rules, scales, progress)
-        named_so = judge_dominant(found).verdict == "named" and not beneath_noise(found)
-        if still_large(found) or named_so:
+        if still_large(found) or judge_dominant(found).verdict == "named":
             return found
     progress("tuning the nominal model", 0.0)
     setting, tuned = tune(setting)

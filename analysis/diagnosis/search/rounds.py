@@ -198,31 +198,6 @@ def _against_white_noise(
     return [_best_start(plain, some, lowest) for some in starts]
 
 
-def _quieter(setting: Setting, fit: Fit) -> bool:
-    """Tell whether the noise beside a fit is less, in a narrow band perhaps, than the one it was fitted in."""
-    own = in_units_of(reestimated(setting, fit), fit)
-    return score(own, True) < score(fit, True) - 2.0 * SURE_LEAD
-
-
-def _without_transient(setting: Setting, trials: list[Fit]) -> tuple[Setting, list[Fit]]:
-    """Return setting and `trials` as descents in white noise lead to them, where the best one is then better.
-
-    While its numbers are not yet right, a fit leaves part of the transient from rest, which differs between periods. As
-    noise it is loudest at the resonance and absorbs all that would move the numbers there: a wrong fixed point of both.
-    """
-    best = min(trials, key=lambda f: score(f, True))
-    if _colour(setting, best) <= _MOVING:
-        return setting, trials
-    other, quiet = from_white_noise(setting, best)
-    if not score(quiet, True) < score(best, True):
-        return setting, trials
-    plain = reestimated(setting, best, order=0)
-    moved = [quiet if f is best else again(other, again(plain, f, steps=LONG)) for f in trials]
-    # a rival may be better where it was
-    stayed = [quiet if f is best else again(other, f) for f in trials]
-    return other, [min(pair, key=lambda f: score(f, True)) for pair in zip(moved, stayed, strict=True)]
-
-
 def _best_start(setting: Setting, starts: Sequence[Fit], rival: float) -> Fit:
     """Return the best of several starts of one effect, each with its noise re-estimated; what trails is given up."""
     found: list[Fit] = []
@@ -373,9 +348,8 @@ def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit, price: float
             setting = reestimated(setting, best)
             trials = [again(setting, f) for f in trials]
             best = min(trials, key=lambda f: score(f, True))
-            if best.misfit > _OVERRATED * best.rows and not _quieter(setting, best):
+            if best.misfit > _OVERRATED * best.rows:
                 break
-        setting, trials = _without_transient(setting, trials)
         return setting, trials, again(setting, before)
     own = [iterated_gls(setting, trials[0])]
     own += [iterated_gls(setting, f, score(own[0][1], False)) for f in trials[1:]]
