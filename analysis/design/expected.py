@@ -32,7 +32,7 @@ class Motion:
 
     @classmethod
     def of(cls, reference: Array, drive: Array, step_samples: int) -> Motion:
-        """Return the period of two moves of `step_samples` at most, the second after half of it."""
+        """Return the period of `reference` and `drive` (n,): two moves, half of it apart, of `step_samples` at most."""
         half = reference.size // 2
         return cls(reference, drive, np.arange(reference.size) % half >= step_samples)
 

@@ -121,7 +121,7 @@ class LearningDesign:
         return float(np.mean(settles & (self.expected.after_rad[QUICK:].max(axis=0) <= STRAY_RAD)))
 
     def rank(self) -> tuple[bool, float, float]:
-        """Return what a learning is chosen by: it may be played, most plants settle, then what is left."""
+        """Return what a learning is chosen by: it may be played, most plants settle, then the smallest error."""
         return bool(self.refusal), -self.meets, self.expected.left_rad
 
     @property
@@ -179,29 +179,10 @@ def design_learning(
     ahead = closed * (np.exp(2j * np.pi * f / rate * lead) * made.frequency_response(f))
     found: list[LearningDesign] = []
     for cutoff_hz in cutoffs_hz:
-        taps = q_taps(cutoff_hz, half, rate)
-        q = np.abs(q_response(taps, f, rate))
         for gain in FIRST_GAINS:
-            gains = averaging_gains(periods, gain)
-            factor = q * np.abs(1.0 - gain * ahead)
-            whole = np.prod([q * np.abs(1.0 - one * ahead) for one in gains], axis=0)
-            lines = (None, None, None) if sweep is None else _at_lines(sweep, controller, made, lead, taps, gain)
-            expected = learned.expected(taps, gains)
-            found.append(
-                LearningDesign(
-                    made,
-                    lead,
-                    cutoff_hz,
-                    half,
-                    gains,
-                    f,
-                    factor[0],
-                    factor.max(axis=0),
-                    *lines,
-                    expected,
-                    float(np.quantile(whole.max(axis=-1), MOST)),
-                )
-            )
+            one = _Tried(made, lead, cutoff_hz, half, averaging_gains(periods, gain))
+            at = (None, None, None) if sweep is None else _at_lines(sweep, controller, one)
+            found.append(one.design(f, ahead, at, learned))
         best = min(found, key=LearningDesign.rank)
         if not best.refusal and best.meets >= ENOUGH:
             break
@@ -210,17 +191,48 @@ def design_learning(
     return best
 
 
-def _at_lines(
-    sweep: Sweep, controller: DiscreteFilter, made: DiscreteFilter, lead: int, taps: tuple[float, ...], gain: float
-) -> tuple[Array, Array, Array]:
-    """|Q (1 - gain z^lead S_p L)| of the measured response, and its bound two standard deviations of it away.
+@dataclass(frozen=True)
+class _Tried:
+    """A learning filter in a band, with gains."""
+
+    filter: DiscreteFilter
+    lead_samples: int
+    cutoff_hz: float
+    half_length: int
+    gains: tuple[float, ...]
+
+    def q(self, frequency_hz: Array) -> Array:
+        """Return the magnitude (n_f,) of the low pass."""
+        taps = q_taps(self.cutoff_hz, self.half_length, self.filter.rate_hz)
+        return np.abs(q_response(taps, frequency_hz, self.filter.rate_hz))
+
+    def design(
+        self, f: Array, ahead: ComplexArray, at: tuple[Array | None, Array | None, Array | None], learned: Learned
+    ) -> LearningDesign:
+        """Return it with what it does to plants of which z^lead S_p L is `ahead` (n, n_f), and `at` measured lines."""
+        left = [self.q(f) * np.abs(1.0 - gain * ahead) for gain in self.gains]
+        taps = q_taps(self.cutoff_hz, self.half_length, self.filter.rate_hz)
+        return LearningDesign(
+            **vars(self),
+            frequency_hz=f,
+            factor=left[0][0],
+            worst=left[0].max(axis=0),
+            lines_hz=at[0],
+            at_lines=at[1],
+            at_lines_worst=at[2],
+            expected=learned.expected(taps, self.gains),
+            grown=float(np.quantile(np.prod(left, axis=0).max(axis=-1), MOST)),
+        )
+
+
+def _at_lines(sweep: Sweep, controller: DiscreteFilter, tried: _Tried) -> tuple[Array, Array, Array]:
+    """The lines, |Q (1 - gain z^lead S_p L)| of the measured response, and its bound two standard deviations away.
 
     S_p = P/(1 + P C) changes by dP/(1 + P C)².
     """
-    f, rate = sweep.frequency_hz, controller.rate_hz
-    k = controller.frequency_response(f)
-    ahead = np.exp(2j * np.pi * f / rate * lead) * made.frequency_response(f)
-    q = np.abs(q_response(taps, f, rate))
+    f, rate, gain = sweep.frequency_hz, controller.rate_hz, tried.gains[0]
+    k, q = controller.frequency_response(f), tried.q(sweep.frequency_hz)
+    ahead = np.exp(2j * np.pi * f / rate * tried.lead_samples) * tried.filter.frequency_response(f)
     left = q * np.abs(1.0 - gain * process_sensitivity(sweep.response, k) * ahead)
     spread = 2.0 * np.sqrt(0.5 * sweep.variance) * np.abs(ahead / (1.0 + sweep.response * k) ** 2)
     return f, left, left + gain * q * spread

@@ -53,10 +53,10 @@ def drawn_plants(
 ) -> list[ModalModel]:
     """Return `count` plants of one axis, the identified one first: stated scatter Gaussian, tolerances uniform.
 
-    A pair of real poles is no mode but what an amplifier and the like add: of its frequency, damping and participation
-    the file states what each alone is known to, which together is far better. Both poles move by the tolerance of
-    damping instead, at the same gain at rest. Delays differ by `LATE_SAMPLES`; where the model has neither delay nor
-    lag, by that of an amplifier of `SLOWEST_AMPLIFIER_HZ` more, later alone.
+    A pair of real poles stands for an amplifier or the like, not for a mode: of its frequency, damping and
+    participation the file states what each alone is known to, which together is far better. Both poles move by the
+    tolerance of damping instead, at the same gain at rest. Delays differ by `LATE_SAMPLES`; where the model has neither
+    delay nor lag, by that of an amplifier of `SLOWEST_AMPLIFIER_HZ` more, later alone.
     """
     nominal = Design(model, model.sample_rate_hz).axis(dof)
     stated = _stated(model, dof, nominal)

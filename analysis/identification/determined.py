@@ -113,7 +113,7 @@ def without_undetermined(
 
 
 def dropped_from(fit: _AnyFit, i: int, fewer: _AnyFit | None, why: str) -> Dropped:
-    """Return what is to be told of block `i` of a fit, which is not in `fewer` (None: what it explained is unknown)."""
+    """Return block `i` of a fit, which is not in `fewer`, as a dropped mode (None: what it explained is unknown)."""
     per_hz = 1.0 / (2.0 * np.pi)
     return Dropped(
         float(fit.model.omega_rad_s[i] * per_hz),

@@ -98,7 +98,7 @@ def fitted_by(
     offsets: Array | None = None,
     before: tuple[Dropped, ...] = (),
 ) -> Fitted:
-    """Return what a fit found, its misfit as given; `before` it other modes had been given up."""
+    """Return what a fit found, its misfit as given and `offsets` (runs, n_y); modes were given up `before` it."""
     rest = np.zeros((0, 0)) if offsets is None else offsets
     return Fitted(fit.model, deviations(fit), chi2, dof, rest, (*before, *fit.dropped), static_gain_std(fit))
 

@@ -92,7 +92,10 @@ def late_and_determined(
     orders: tuple[int, ...],
     looped: bool = False,
 ) -> TimeFit:
-    """Return `input_delay.with_delay` of a fit, and of one with a delay only the modes that are still determined."""
+    """Return `input_delay.with_delay` of a fit, and of one with a delay only the modes that are still determined.
+
+    Shapes: every record's input (n, n_u) and output (n, n_y).
+    """
     late = with_delay(fit, inputs, outputs, rate_hz)
     if np.array_equal(late.model.delay_s, fit.model.delay_s):
         return late
@@ -108,7 +111,10 @@ def fitted_again(
     blocks: int,
     start: ModalModel | None,
 ) -> TimeFit:
-    """Return a fit of so many blocks from `start`, with the structure and the whole samples of delay that `fit` has."""
+    """Return a fit of so many blocks from `start`, with the structure and the whole samples of delay that `fit` has.
+
+    Shapes: every record's input (n, n_u) and output (n, n_y).
+    """
     whole = np.floor(fit.model.delay_s * rate_hz + 1e-6).astype(np.intp)
     records = freed(inputs, outputs, whole, int(whole.max(initial=0)))
     first = None if start is None else start.with_(delay_s=fit.model.delay_s - whole / rate_hz)

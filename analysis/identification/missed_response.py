@@ -64,7 +64,7 @@ def remarks_on_misses(
 
 
 def response_of_model(model: Model) -> Callable[[ResponseCurve], ComplexArray]:
-    """Return the response of a model at the lines of a curve, between samples as it is simulated."""
+    """Return what gives the response (n_f,) of a model at the lines of a curve, between samples as it is simulated."""
     inputs, outputs = ([port.name for port in ports] for ports in (model.inputs, model.outputs))
 
     def modelled(curve: ResponseCurve) -> ComplexArray:

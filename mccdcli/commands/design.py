@@ -16,6 +16,8 @@ from mccdcli.trials import count, play
 from sim_backend.safe_write import unnamed_folder
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from analysis.design.api import Designed
     from analysis.design.stages import StageResult
     from campaigns.log import Run
@@ -95,26 +97,19 @@ def design(
         count({plan.name: plan}, bench, seed, as_json=as_json)
         return 0
 
-    from analysis.design.api import Options, design_controller, require_strokes, require_swept
+    from analysis.design.api import Options, design_controller, require_strokes
     from analysis.design.output import document, prepare_folder, write_controller, write_design
     from analysis.design.uncertainty import Tolerance
-    from campaigns.log import read_run
     from campaigns.progress import part_of
 
     options = Options(1e-3 * reach, 1e-3 * (settling or 5.0), max_power, tolerance=Tolerance(tolerance), seed=seed)
     limits, axes, identity = _what_it_may(bench, seed)
     driven = require_strokes(nominal, limits, axes, options)  # before anything is written or played
     with ExitStack() as stack:
-        runs = [stack.enter_context(read_run(path)) for path in given]
-        _require_of_bench(runs, identity)
-        if not unswept:
-            require_swept(runs, driven)
+        runs = _logs(stack, given, identity, () if unswept else driven)
         folder = prepare_folder(out or unnamed_folder(Path("design")))
-        if not any(run.header.test == plan.name for run in runs):
-            log, code = _at_rest(plan, bench, folder, seed)
-            if code:
-                return code
-            runs.append(stack.enter_context(read_run(log)))
+        if code := _add_rest(runs, stack, plan, bench, folder, seed):
+            return code
         with progress("designing") as report:
             first = part_of(report, 0.0, 0.5 if stages else 0.9)  # designing takes about as long as playing
             designed = design_controller(nominal, runs, limits, axes, options, first)
@@ -122,10 +117,32 @@ def design(
             path = write_controller(designed, folder)
             rows = _played(designed, path, bench, seed, part_of(report, 0.5, 0.95)) if stages else []
             report(0.95, 1.0, "figures")
-            files = write_design(designed, folder, rows)
-    said = {**document(designed, rows), "files": {"controller": path, **files}}
-    emit(said, as_json=as_json, text=_text(designed, rows, [path, *files.values()]))
+            files = {"controller": path, **write_design(designed, folder, rows)}
+    emit({**document(designed, rows), "files": files}, as_json=as_json, text=_text(designed, rows, [*files.values()]))
     return 0
+
+
+def _logs(stack: ExitStack, given: Sequence[Path], identity: Identity, driven: Sequence[str]) -> list[Run]:
+    """Return the logs, opened on `stack`; raises ConfigError for another bench's, and without sweeps of `driven`."""
+    from analysis.design.api import require_swept
+    from campaigns.log import read_run
+
+    runs = [stack.enter_context(read_run(path)) for path in given]
+    _require_of_bench(runs, identity)
+    require_swept(runs, driven)
+    return runs
+
+
+def _add_rest(runs: list[Run], stack: ExitStack, plan: Plan, bench: str, folder: Path, seed: int) -> int:
+    """Record the bench at rest and add its log, unless one of `runs` is; return the exit code of recording it."""
+    from campaigns.log import read_run
+
+    if any(run.header.test == plan.name for run in runs):
+        return 0
+    log, code = _at_rest(plan, bench, folder, seed)
+    if not code:
+        runs.append(stack.enter_context(read_run(log)))
+    return code
 
 
 def _require_one(settling: float | None, max_power: float | None) -> None:

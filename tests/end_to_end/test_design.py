@@ -145,7 +145,7 @@ def test_a_design_that_cannot_keep_its_limits_is_refused_with_the_reason(home, t
     assert "allow more time" in capsys.readouterr().err
     assert main(arguments(home, tmp_path / "far", "--reach", "17")) == 2
     assert "peak current would be" in capsys.readouterr().err
-    assert main(arguments(home, tmp_path / "doubt", "--tolerance", "1%")) == 2
+    assert main(arguments(home, tmp_path / "doubt", "--tolerance", "10%")) == 2
     assert "axis 'theta_x'" in capsys.readouterr().err
     assert not (tmp_path / "fast" / "controller.toml").exists()
 

@@ -7,18 +7,21 @@ import pytest
 from scipy import signal
 
 from analysis.design.api import Options
-from analysis.design.feedback import PEAK_DB, design_feedback, frequency_grid, largest_pole, three_sigma
-from analysis.design.learning import LARGEST_FACTOR, averaging_gains, design_learning
+from analysis.design.expected import Motion
+from analysis.design.feedback import PEAK_DB, WORST_PEAK_DB, design_feedback, frequency_grid, largest_pole, three_sigma
+from analysis.design.learning import FIRST_GAINS, averaging_gains, design_learning
 from analysis.design.moves import MARGIN, UNLEARNED, design_move
 from analysis.design.noise import measure_noise
 from analysis.design.price import affordable, price_curve
-from analysis.design.uncertainty import Tolerance, drawn_plants
+from analysis.design.uncertainty import MOST, Tolerance, drawn_plants
 from analysis.measurements.power import coil_power
 from analysis.measurements.settling import BAND_RAD
 from analysis.recorded.sweep import Sweep
 from campaigns.benches import open_bench
 from campaigns.strategies.design import Design
-from sim_backend.control.inversion import siso_matrices
+from campaigns.strategies.designed import move_over
+from sim_backend.control.chop import Chop
+from sim_backend.control.inversion import periodic_input, siso_matrices
 from sim_backend.control.lqg import Noise, lqg
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import discretise
@@ -89,9 +92,26 @@ def test_plants_are_drawn_within_what_the_file_states_and_the_tolerance_adds():
     np.testing.assert_array_equal(drawn[0].omega_rad_s, PLANT.omega_rad_s)
     omega = np.stack([p.omega_rad_s for p in drawn[1:]]) / PLANT.omega_rad_s
     sigma = np.stack([p.sigma_1_s for p in drawn[1:]]) / PLANT.sigma_1_s
-    # 0.3 % and 0.4 % add to 0.5 %, 4 % and 3 % to 5 %; 4000 draws know a standard deviation to 1.1 %
-    np.testing.assert_allclose(omega.std(axis=0), 0.005, rtol=0.05)
-    np.testing.assert_allclose(sigma.std(axis=0), 0.05, rtol=0.05)
+    # scatter of 0.3 % and 0.4 % either way, 4 % and 3 %; a uniform number has its width over √12 as standard deviation,
+    # and 4000 draws know one to 1.1 %
+    np.testing.assert_allclose(omega.std(axis=0), np.hypot(0.003, 0.004 / np.sqrt(3.0)), rtol=0.05)
+    np.testing.assert_allclose(sigma.std(axis=0), np.hypot(0.04, 0.03 / np.sqrt(3.0)), rtol=0.05)
+    # the model has neither delay nor lag: a sample of delay and 1 kHz of amplifier may be missing, nothing may be early
+    late = np.array([p.delay_s[0] for p in drawn[1:]]) * RATE_HZ
+    assert late.min() >= 0.0 and late.max() <= 1.0 + RATE_HZ / (2.0 * np.pi * 1000.0)
+    assert late.mean() == pytest.approx(0.5 + 0.5 * RATE_HZ / (2.0 * np.pi * 1000.0), rel=0.05)
+    known = from_linear(
+        PLANT.with_(delay_s=np.array([3e-4])),
+        name="known",
+        title="",
+        sample_rate_hz=RATE_HZ,
+        inputs=MODEL.inputs[:1],
+        outputs=MODEL.outputs[:1],
+        origin="fitted",
+        source="test",
+    )
+    some = [p.delay_s[0] * RATE_HZ for p in drawn_plants(known, "theta_x", tolerance, 200, np.random.default_rng(0))]
+    assert some[0] == pytest.approx(3.0) and 2.0 <= min(some) < 2.1 and 3.9 < max(some) <= 4.0
     assert isinstance(stated.modes[0].frequency_hz, Quantity)
 
 
@@ -102,7 +122,7 @@ def test_an_absurd_tolerance_is_refused():
 
 @pytest.fixture(scope="module")
 def plants():
-    return drawn_plants(MODEL, "theta_x", Tolerance(), 12, np.random.default_rng(1))
+    return drawn_plants(MODEL, "theta_x", Tolerance(frequency=0.002), 12, np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")
@@ -114,11 +134,13 @@ def test_every_drawn_plant_keeps_the_peak_and_is_stable(plants, feedback):
     k = control.ss(*feedback.controller.state_space(), 1.0 / RATE_HZ)
     f = np.geomspace(1.0, 4990.0, 4000)
     z = np.exp(2j * np.pi * f / RATE_HZ)
+    peaks: list[float] = []
     for plant in plants:
         p = control.ss(*siso_matrices(discretise(plant, RATE_HZ)), [[0.0]], 1.0 / RATE_HZ)
-        assert 20.0 * np.log10(np.max(1.0 / np.abs(1.0 + p(z) * k(z)))) < PEAK_DB + 0.01
+        peaks.append(20.0 * np.log10(np.max(1.0 / np.abs(1.0 + p(z) * k(z)))))
         assert np.max(np.abs(control.feedback(p * k).poles())) < 1.0
         assert largest_pole(plant, feedback.controller, RATE_HZ) < 1.0
+    assert peaks[0] < PEAK_DB + 0.01 and np.quantile(peaks, MOST) < WORST_PEAK_DB + 0.01
 
 
 def test_margins_are_python_controls(plants, feedback):
@@ -160,7 +182,7 @@ def test_a_plant_that_nobody_knows_is_refused():
     wild = drawn_plants(
         MODEL, "theta_x", Tolerance(frequency=0.3, damping=0.4, participation=0.45), 30, np.random.default_rng(2)
     )
-    with pytest.raises(ConfigError, match="at best, the limit is 5 dB"):
+    with pytest.raises(ConfigError, match="dB at best.* the limits are 8 and 6 dB"):
         design_feedback(wild, NOISE, RATE_HZ)
 
 
@@ -170,30 +192,70 @@ def swept(plant, relative):
     return Sweep("theta_x", f, response, 2.0 * (relative * np.abs(response)) ** 2, np.ones(f.size))
 
 
-def test_convergence_is_proven_at_the_measured_lines(plants, feedback):
+@pytest.fixture(scope="module")
+def motion():
+    """One period of a 5 Hz chop and its feed-forward on the identified plant."""
+    move = design_move(PLANT, 8.5e-3, 5e-3, 700.0, RATE_HZ)
+    way = move_over(Chop((8.5e-3, 0.0), 1000, RATE_HZ), lambda _: move.n_samples, move.concentration, "theta_x")
+    return Motion.of(way, periodic_input(PLANT, way, RATE_HZ), 50)
+
+
+def test_gains_take_a_part_and_then_average():
+    assert averaging_gains(6) == (1.0, 1.0, 1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0)
+    # what is learned with a half is a mean of two already
+    assert averaging_gains(9, 0.5) == (*[0.5] * 6, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0)
+
+
+def test_convergence_is_proven_at_the_measured_lines(plants, feedback, motion):
     grid = frequency_grid(plants[0], RATE_HZ)
-    made = design_learning(plants, feedback.controller, grid, swept(plants[0], 0.001), 6, 700.0)
-    assert made.gains == (1.0, 1.0, 1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0) == averaging_gains(6)
-    assert np.max(made.worst) <= LARGEST_FACTOR and np.all(made.factor <= made.worst + 1e-12)
+    made = design_learning(plants, feedback.controller, grid, swept(plants[0], 0.001), 12, [1000.0], motion)
+    assert made.gains == averaging_gains(12, made.gains[0]) and made.gains[0] in FIRST_GAINS
+    assert made.grown <= 1.0 and np.all(made.factor <= made.worst + 1e-12) and not made.refusal
     lines = made.lines_hz
     assert lines is not None and made.at_lines is not None and made.at_lines_worst is not None
     z = np.exp(2j * np.pi * lines / RATE_HZ)
     p = control.ss(*siso_matrices(discretise(plants[0], RATE_HZ)), [[0.0]], 1.0 / RATE_HZ)(z)
     k = control.ss(*feedback.controller.state_space(), 1.0 / RATE_HZ)(z)
-    left = 1.0 - z**made.lead_samples * p / (1.0 + p * k) * made.filter.frequency_response(lines)
+    learned = made.gains[0] * z**made.lead_samples * made.filter.frequency_response(lines)
+    left = 1.0 - p / (1.0 + p * k) * learned
     taps = np.array(made.taps)
     q = (np.exp(-2j * np.pi * np.outer(lines, np.arange(taps.size) - taps.size // 2) / RATE_HZ) @ taps).real
     np.testing.assert_allclose(made.at_lines, np.abs(q * left), atol=1e-6)
     # an error of P by two standard deviations in the worst direction is within the bound: |dS_p| ≈ |dP| / |1 + P C|²
-    worse = 1.0 - z**made.lead_samples * (p * 1.002) / (1.0 + p * 1.002 * k) * made.filter.frequency_response(lines)
+    worse = 1.0 - p * 1.002 / (1.0 + p * 1.002 * k) * learned
     assert np.all(np.abs(q * worse) <= made.at_lines_worst * 1.01 + 1e-6)
 
 
-def test_a_measured_response_that_contradicts_the_model_is_refused(plants, feedback):
+def test_a_measured_response_that_contradicts_the_model_is_refused(plants, feedback, motion):
     grid = frequency_grid(plants[0], RATE_HZ)
     other = plants[0].with_(c=-plants[0].c)
-    with pytest.raises(ConfigError, match="learning below 700 Hz.*limit is 0.9"):
-        design_learning(plants, feedback.controller, grid, swept(other, 0.001), 6, 700.0)
+    with pytest.raises(ConfigError, match="learning below 1000 Hz.*by the swept response, the limit is 1"):
+        design_learning(plants, feedback.controller, grid, swept(other, 0.001), 6, [1000.0], motion)
+
+
+def test_errors_are_expected_as_a_simulated_loop_learns(plants, feedback, motion):
+    """Sample by sample, by scipy: each period is played until it repeats, then its error is learned from."""
+    made = design_learning(plants, feedback.controller, frequency_grid(plants[0], RATE_HZ), None, 6, [1000.0], motion)
+    n, late = motion.reference.size, plants[3]
+    a, b, c = siso_matrices(discretise(late, RATE_HZ))
+    ac, bc, cc, dc = feedback.controller.state_space()
+    whole = np.block([[a - b @ dc @ c, b @ cc], [-bc @ c, ac]])
+    into = np.block([[b, b @ dc], [np.zeros((ac.shape[0], 1)), bc]])
+    loop = whole, into, np.hstack([c, np.zeros((1, ac.shape[0]))]), [[0.0, 0.0]], 1.0 / RATE_HZ
+    al, bl, cl, dl = made.filter.state_space()
+    taps, learned, after = np.array(made.taps), np.zeros(n), []
+    error = motion.reference
+    for gain in (0.0, *made.gains):
+        if gain:
+            filtered = signal.dlsim((al, bl, cl, dl, 1.0 / RATE_HZ), np.tile(error, 20))[1][-n:, 0]
+            tried = learned + gain * np.roll(filtered, -made.lead_samples)
+            around = np.concatenate([tried[-(taps.size // 2) :], tried, tried[: taps.size // 2]])
+            learned = np.convolve(around, taps, "valid")
+        drives = np.stack([np.tile(motion.drive + learned, 20), np.tile(motion.reference, 20)], axis=1)
+        error = motion.reference - signal.dlsim(loop, drives)[1][-n:, 0]
+        after.append(np.max(np.abs(error[motion.after])))
+    # a hundredth of the band in which a chop has settled
+    np.testing.assert_allclose(made.expected.after_rad[:, 3], after, rtol=1e-3, atol=0.01 * BAND_RAD)
 
 
 def test_the_move_arrives_in_time_within_the_learned_band():
@@ -227,8 +289,9 @@ def test_real_poles_of_an_amplifier_move_together_at_the_same_gain_at_rest():
     np.testing.assert_allclose(ratio, nominal.sigma_1_s[at] / nominal.omega_rad_s[at], rtol=1e-12)
     rest = np.array([p.c[0, at] / p.omega_rad_s[at] ** 2 for p in drawn])
     np.testing.assert_allclose(rest, nominal.c[0, at] / nominal.omega_rad_s[at] ** 2, rtol=1e-12)
-    # by the tolerance of damping, 5 %; 300 draws know it to 4 %
-    assert np.std([p.sigma_1_s[at] for p in drawn]) / nominal.sigma_1_s[at] == pytest.approx(0.05, rel=0.16)
+    # by the tolerance of damping, 20 % either way; 300 draws know a standard deviation to 4 %
+    scatter = np.std([p.sigma_1_s[at] for p in drawn]) / nominal.sigma_1_s[at]
+    assert scatter == pytest.approx(0.2 / np.sqrt(3.0), rel=0.16)
 
 
 @pytest.fixture(scope="module")
