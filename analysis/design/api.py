@@ -25,7 +25,7 @@ from campaigns.progress import Report, unheard
 from campaigns.strategies.controller import AxisControl, Blocks, Controller, DesignedFor
 from campaigns.strategies.design import Design
 from sim_backend.bench import Limits
-from sim_backend.control.inversion import advanced
+from sim_backend.control.inversion import advanced, periodic_input
 from sim_backend.control.lqg import Noise
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import ModalModel
@@ -182,7 +182,8 @@ def _loops(
     against the first where learning is sure around none.
     """
     grid = frequency_grid(plants[0], rate_hz)
-    drive = advanced(price.drive_nm, late_samples(plants, rate_hz))
+    # what opposes hysteresis in the drive is no error of the linear plants
+    drive = advanced(periodic_input(plants[0], price.motion_rad, rate_hz), late_samples(plants, rate_hz))
     motion = Motion.of(price.motion_rad, drive, round(price.allowed_s * rate_hz))
     bands = [cutoff for cutoff in CUTOFFS_HZ if cutoff >= price.cutoff_hz]
     found: list[tuple[FeedbackDesign, LearningDesign]] = []
