@@ -89,7 +89,7 @@ def drawn_plants(
 
 
 def late_samples(plants: Sequence[ModalModel], rate_hz: float) -> float:
-    """Return for how many samples of delay a feed-forward on `plants` is made: between the first of them and the middle.
+    """Return for how many samples of delay a feed-forward on `plants` is made: between the first and the middle.
 
     The first is the identified one. In the middle the latest plant would err least, and the bench that was identified
     would stray for as long.

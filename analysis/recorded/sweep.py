@@ -69,18 +69,22 @@ def sweep_of(run: Run) -> Sweep:
     return run.once("sweep", _measured)
 
 
+def _is_step(segment: LogSegment) -> bool:
+    return "frequency_hz" in segment.settings and "measure_from" in segment.settings
+
+
 def _measured(run: Run) -> Sweep:
-    parts = [s for s in usable_segments(run) if "frequency_hz" in s.settings and "measure_from" in s.settings]
-    if not parts:
+    played = [s for s in run.segments if _is_step(s)]
+    if not played:
         raise DataError(
             f"{run.path} holds no stepped sine: it is a log of '{run.header.test}', give one of 'sinesweep'"
         )
-    axis = str(parts[0].settings.get("axis", ""))
+    axis = str(played[0].settings.get("axis", ""))
     command = next((n for n in run.names("input") if run.channels[n].dof == axis), None)
     reading = next((n for n in run.names("output") if run.channels[n].dof == axis), None)
     if command is None or reading is None:
         raise DataError(f"{run.path} lacks the command or the reading of axis '{axis}'; record both")
-    parts = _whole(run, reading, parts)
+    parts = _whole(run, reading, [s for s in usable_segments(run) if _is_step(s)])
     fits = [_fitted(run, (command, reading), few, parts[0].start) for few in _gathered(parts)]
     inputs, outputs = (joined([fit.channel(i) for fit in fits]) for i in range(2))
     if not np.any(outputs.amplitude):

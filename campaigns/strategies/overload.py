@@ -28,6 +28,16 @@ BLOCK_S = 0.1
 """The window ends at multiples of this."""
 
 
+CREDIBLE = 10.0
+"""Times its limit beyond which a current or an angle was not read: no amplifier gives it, no axis goes there."""
+
+
+def credible(read_a: Array, otherwise_a: Array, limits: Limits) -> Array:
+    """Return currents as they were read, and as they are `otherwise` where they were not; shapes (n, n_a)."""
+    with np.errstate(invalid="ignore"):
+        return np.where(np.abs(read_a) <= CREDIBLE * limits.current_a, read_a, otherwise_a)
+
+
 def dissipated_w(rms_a: Array, coil: Coil) -> float:
     """Return the mean dissipation of coils that carry `rms_a` (n_a,), a part or whole cycles long; section 6.2.1."""
     return float(np.sum((coil.force_constant_n_a / coil.steepness_n_sqrt_w * rms_a) ** 2))
@@ -157,7 +167,7 @@ class Interlock:
             if names and all(name in record.channels for name in names):
                 read = np.stack([record.channels[name] for name in names], axis=1)
                 read = read if to_current is None else read @ to_current.T
-                period_a = np.where(np.isfinite(read), read, period_a[np.arange(len(read)) % len(period_a)])
+                period_a = credible(read, period_a[np.arange(len(read)) % len(period_a)], self._limits)
         why = self._window.add(period_a, segment.n_samples)
         return f"segment '{segment.label}': {why} (mean over {WINDOW_S:g} s)" if why else ""
 

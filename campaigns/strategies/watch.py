@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.strategies.overload import overload
+from campaigns.strategies.overload import CREDIBLE, credible, overload
 from campaigns.strategies.stages import learns
 from sim_backend.bench import Bench, Gate, Record, Segment, check_segment
 from sim_backend.control.blocks import DiscreteFilter
@@ -157,17 +157,21 @@ class Watch:
         for first in range(0, segment.n_samples - period + 1, period):
             rows = slice(first, first + period)
             command, reading = (self._read(record, role, rows) for role in ("input", "output"))
-            current = self._read(record, "current", rows) if self._names["current"] else None
+            # beyond many times its end stops an axis was not read
+            reading = np.where(np.abs(reading) <= CREDIBLE * self._limits.reference, reading, np.nan)
             error = segment.reference - reading
             known = np.isfinite(error)
-            current = command @ self._limits.to_current.T if current is None else current
+            # where an amplifier's reading is missing, what it was told, at least by the feed-forward
+            to_current = self._limits.to_current.T
+            current = credible(command @ to_current, segment.feedforward @ to_current, self._limits)
+            if self._names["current"]:
+                current = credible(self._read(record, "current", rows), current, self._limits)
             self._count += 1
             yield _Cycle(
                 self._count,
                 segment,
                 command,
-                # where an amplifier's reading is missing, what it was told
-                np.where(np.isfinite(current), current, command @ self._limits.to_current.T),
+                current,
                 _rms(error[:, moving]),
                 np.max(np.where(known[:, held], np.abs(error[:, held]), 0.0) * after, axis=0, initial=0.0),
                 1.0 - float(known[:, sorted({*moving, *held})].mean(axis=0).min(initial=1.0)),
@@ -194,7 +198,7 @@ class Watch:
         if cycle.missing <= MOST_MISSING:
             return ""
         percent, most = 100.0 * cycle.missing, 100.0 * MOST_MISSING
-        return f"{percent:.0f} % of the readings of an axis are missing, the limit is {most:.0f} %"
+        return f"{percent:.0f} % of the readings of an axis are missing or beyond its reach, the limit is {most:.0f} %"
 
     def _overload(self, cycle: _Cycle) -> str:
         coil = self._limits.coil

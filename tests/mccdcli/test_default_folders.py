@@ -52,7 +52,7 @@ def test_a_link_within_the_folder_of_a_report_is_refused(
         ("small", ["study", "study.toml"]),
         ("small", ["campaign", "run", "campaign.toml"]),
         ("report", ["report"]),
-        ("design", ["design", "--model", "as-built"]),
+        ("design", ["design", "--model", "as-built", "--unswept"]),
         ("thermal", ["thermal"]),
     ],
 )

@@ -84,7 +84,7 @@ def test_a_step_that_the_sensor_cuts_off_is_left_out_and_told(tmp_path):
 
 
 def test_a_sweep_of_which_nothing_is_left_is_refused(tmp_path):
-    with pytest.raises(DataError, match="'x' never moves"):
+    with pytest.raises(DataError, match="output 'x' is constant"):
         identified(swept(tmp_path / "rest.h5", resting=tuple(STEPS_HZ.tolist())))
     with pytest.raises(DataError, match="cut off by its sensor or at rest in all 12 steps"):
         identified(swept(tmp_path / "cut.h5", share=0.7))
