@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 
 TRIED = 8
-"""Feedbacks around which learning is designed, those with most margin first."""
+"""Feedbacks around which learning is designed, the quietest first."""
 
 MOST_SETTLING_S = 0.1
 """Longest time to design a move for: the dwell of the chop that its power is judged on."""
