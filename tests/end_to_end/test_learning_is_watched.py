@@ -29,6 +29,9 @@ BENCHES: dict[str, dict[str, Any]] = {
     "2 samples late": {"delay_samples": 2.0},
     "amplifier at 1 kHz": {"amplifier_hz": 1000.0},
     "all at once": {"frequency": -0.01, "delay_samples": 1.0, "amplifier_hz": 1000.0},
+    # beyond what a design expects
+    "modes -3 %": {"frequency": -0.03},
+    "490 Hz +4 %": {"frequency": 0.04, "only": "490"},
 }
 
 
@@ -74,7 +77,7 @@ def test_nothing_goes_on_for_more_than_three_cycles(controller, tmp_path, capsys
     assert longest([off for off, _ in cycles]) <= 3
     assert longest([power > MOST_W for _, power in cycles]) <= 3
     with read_run(log) as run:
-        if run.status == "complete":  # θy has no mode at 490 Hz, and shifts as a whole are learned
+        if run.status == "complete":  # what the design expects of a bench is learned
             assert code in (0, 1) and not any(off or power > MOST_W for off, power in cycles[-25:])
             return
         assert code == 1 and run.status == "failed"
@@ -87,10 +90,10 @@ def test_nothing_goes_on_for_more_than_three_cycles(controller, tmp_path, capsys
 
 
 def test_theta_x_of_the_bench_with_its_mode_elsewhere_is_stopped_and_falls_back(controller, tmp_path, capsys):
-    code, log = settled(tmp_path, controller, 0.0, **BENCHES["490 Hz -0.7 %"])
+    code, log = settled(tmp_path, controller, 0.0, **BENCHES["490 Hz +4 %"])
     assert code == 1 and "theta_x" in capsys.readouterr().err
     cycles = cycles_of(log, "theta_x")
-    assert len(cycles) < 10 and cycles[-1][1] < MOST_W
+    assert len(cycles) < 20 and cycles[-1][1] < MOST_W
     with read_run(log) as run:
         assert run.segments[-1].label == "fallback"
         end = run.read("theta_x")[-DWELL // 5 :]
@@ -114,7 +117,7 @@ def test_the_papers_learning_is_not_stopped_on_the_bench_as_built(tmp_path, alph
 
 
 def test_a_bench_behind_a_line_is_watched_alike(controller, tmp_path, capsys):
-    code, log = settled(tmp_path, controller, 0.0, kind="emulator", **BENCHES["modes -1 %"])
+    code, log = settled(tmp_path, controller, 0.0, kind="emulator", **BENCHES["modes -3 %"])
     assert code == 1 and "limit is" in capsys.readouterr().err
     cycles = cycles_of(log, "theta_x")
     assert longest([off for off, _ in cycles]) <= 3 and longest([power > MOST_W for _, power in cycles]) <= 3
@@ -122,7 +125,7 @@ def test_a_bench_behind_a_line_is_watched_alike(controller, tmp_path, capsys):
 
 def test_a_chop_that_records_readings_alone_is_watched_too(controller, tmp_path, capsys):
     """The five minutes of the thermal test leave commands out of the log; the watch sees them all the same."""
-    (tmp_path / "as-built.toml").write_text(dump_model(shifted_bench(-0.01)), encoding="utf-8")
+    (tmp_path / "as-built.toml").write_text(dump_model(shifted_bench(-0.03)), encoding="utf-8")
     settings = ["strategy='designed'", f"controller='{controller}'", "alpha_deg=0.0", "cycles=20"]
     given = [part for text in settings for part in ("--set", text)]
     bench = f"sim:{tmp_path / 'as-built.toml'}"

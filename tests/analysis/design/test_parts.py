@@ -235,7 +235,7 @@ def test_a_measured_response_that_contradicts_the_model_is_refused(plants, feedb
 
 def test_errors_are_expected_as_a_simulated_loop_learns(plants, feedback, motion):
     """Sample by sample, by scipy: each period is played until it repeats, then its error is learned from."""
-    made = design_learning(plants, feedback.controller, frequency_grid(plants[0], RATE_HZ), None, 6, [1000.0], motion)
+    made = design_learning(plants, feedback.controller, frequency_grid(plants[0], RATE_HZ), None, 12, [1000.0], motion)
     n, late = motion.reference.size, plants[3]
     a, b, c = siso_matrices(discretise(late, RATE_HZ))
     ac, bc, cc, dc = feedback.controller.state_space()
