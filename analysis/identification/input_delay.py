@@ -123,9 +123,8 @@ def _free_delays(
 ) -> list[TimeFit]:
     """Return fits whose delay is free, begun at `base` (n_u,) samples: with all modes, and with ever fewer fast ones.
 
-    Each begins where the one before ended, until giving up modes does not pay any more, or cannot: fewer never explain
-    more. Whole samples of what is found are moved into the records, and it is fitted again: otherwise the first samples
-    lack the commands before them.
+    Each begins where the one before ended, until giving up modes does not pay any more. Whole samples of what is found
+    are moved into the records, and it is fitted again: otherwise the first samples lack the commands before them.
     """
     free = replace(structure, delay=True)
     earlier = np.maximum(base - _EARLIER, 0)
@@ -143,7 +142,7 @@ def _free_delays(
         least = min(late.criterion, least)
         if np.all(_known(late)):
             found.append(late)
-        if start.n_blocks == 1 or worse == _PATIENCE or late.unpenalised > least:
+        if start.n_blocks == 1 or worse == _PATIENCE:
             return found
         start = _slower(late.model.with_(delay_s=late.model.delay_s - earlier / rate_hz))
 

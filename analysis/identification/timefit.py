@@ -68,13 +68,6 @@ class TimeFit:
     orders: tuple[tuple[int, float], ...]
     dropped: tuple[Dropped, ...] = ()
 
-    @property
-    def unpenalised(self) -> float:
-        """The criterion without its price of the numbers, those of the noise included."""
-        values = sum(y.size for y in self.outputs)
-        numbers = values - self.dof + int(np.count_nonzero(self.whitening[:, 1:]))
-        return float(self.criterion - numbers * np.log(values))
-
 
 def fit_records(
     inputs: Sequence[Array],
