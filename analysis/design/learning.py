@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ ComplexArray = NDArray[np.complex128]
 LARGEST_FACTOR = 0.5
 """The part of an error that a period with gain 1 may always leave: what is promised to whoever watches it."""
 
-LEFT = 0.85
+LEFT = 0.6
 """Part of the settling band that may be left on any plant after learning: the rest is for the noise of the mean cycle.
 """
 
@@ -53,8 +54,9 @@ FIRST_GAINS = (0.7, 0.5)
 """Parts of the error that may be learned from at first: where a sharp mode is not where the model has it, or the bench
 late, the inverse is too large or turned, and the whole of it would make the error grow."""
 
-FULL_S = 3.0
-"""Periods that learn with the first gain, divided by it: by LARGEST_FACTOR an eighth of an error remains."""
+FULL = 6.0
+"""Periods that learn with the first gain, times this gain. What is left of the beginning, half a milliradian on a bench
+that is late, then only falls as one over the number of periods."""
 
 WAIT_S = 0.2
 """Time before learning begins, a period at least: until then a bench that is late strays after its steps, and the
@@ -131,12 +133,12 @@ class LearningDesign:
 
 
 def averaging_gains(count: int, first: float = 1.0) -> tuple[float, ...]:
-    """Return gains that take a part of the error some times and then average: 1, 1, 1, 1/2, 1/3 and so on.
+    """Return gains that take a part of the error some times and then average: 1, …, 1, 1/2, 1/3 and so on.
 
     With gain 1/n the learned input becomes the mean of n noisy estimates, whose noise falls with the root of n. An
     input learned with a gain g is the mean of 1/g of them already.
     """
-    full = min(round(FULL_S / first), count)
+    full = min(round(FULL / first), count)
     return (*(first for _ in range(full)), *(1.0 / (1.0 / first + n) for n in range(1, count - full + 1)))
 
 
@@ -152,8 +154,8 @@ def design_learning(
     """Return the learning around `controller` that leaves least of the chop `motion`; the first plant is identified.
 
     `grid_hz` (n_f,) are the frequencies at which the error must not grow, `cutoffs_hz` the bands that may be learned,
-    the narrowest first: the first that is good enough is taken. Raises ConfigError when an error may grow on too many
-    plants, or more than the settling band is left on them.
+    which are tried with all first gains. Raises ConfigError when an error may grow on too many plants, or too few
+    settle.
     """
     rate = controller.rate_hz
     f = grid_hz[grid_hz >= 0.5]
@@ -178,14 +180,11 @@ def design_learning(
     learned = Learned(plants, controller, made, lead, motion)
     ahead = closed * (np.exp(2j * np.pi * f / rate * lead) * made.frequency_response(f))
     found: list[LearningDesign] = []
-    for cutoff_hz in cutoffs_hz:
-        for gain in FIRST_GAINS:
-            one = _Tried(made, lead, cutoff_hz, half, averaging_gains(periods, gain))
-            at = (None, None, None) if sweep is None else _at_lines(sweep, controller, one)
-            found.append(one.design(f, ahead, at, learned))
-        best = min(found, key=LearningDesign.rank)
-        if not best.refusal and best.meets >= ENOUGH:
-            break
+    for cutoff_hz, gain in product(cutoffs_hz, FIRST_GAINS):
+        one = _Tried(made, lead, cutoff_hz, half, averaging_gains(periods, gain))
+        at = (None, None, None) if sweep is None else _at_lines(sweep, controller, one)
+        found.append(one.design(f, ahead, at, learned))
+    best = min(found, key=LearningDesign.rank)
     if best.refusal:
         raise ConfigError(f"learning below {best.cutoff_hz:g} Hz: {best.refusal}")
     return best

@@ -201,9 +201,9 @@ def motion():
 
 
 def test_gains_take_a_part_and_then_average():
-    assert averaging_gains(6) == (1.0, 1.0, 1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0)
+    assert averaging_gains(9) == (*[1.0] * 6, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0)
     # what is learned with a half is a mean of two already
-    assert averaging_gains(9, 0.5) == (*[0.5] * 6, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0)
+    assert averaging_gains(15, 0.5) == (*[0.5] * 12, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0)
 
 
 def test_convergence_is_proven_at_the_measured_lines(plants, feedback, motion):
