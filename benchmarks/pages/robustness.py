@@ -24,7 +24,9 @@ def table(files: Sequence[Path]) -> str:
 
 
 def _line(file: Path, spread: Any, name: str, s: dict[str, Any]) -> str:
-    drawn = "far" if spread == "far" else f"modes ± {100.0 * spread['frequency']:g} %"
+    drawn = (
+        f"modes within {100.0 * spread['far']:g} %" if "far" in spread else f"modes ± {100.0 * spread['frequency']:g} %"
+    )
     low, high = (percent(max(end, 0.0)) for end in s["ci95"])
     met = f"{s['met']} of {s['of']} ({low}–{high} %)"
     times = ", ".join(_ms(s["worst"].get(f"settling {axis}")) for axis in ("theta_x", "theta_y"))
