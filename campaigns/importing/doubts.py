@@ -60,7 +60,9 @@ def comma_doubt(path: Path, rows: Sequence[Sequence[str]], separator: str, names
     if separator != "," or any("." in cell and read_number(cell, ".") is not None for cell in cells):
         return ""
     shown = next((cell for row in rows for cell in row[1:] if _LEADING_ZERO.fullmatch(cell)), None)
-    if shown is None and not any(names):
+    # names that are numbers may be a row as well
+    named = any(name and read_number(name, ".") is None for name in names)
+    if shown is None and not named:
         columns = list(zip(*rows, strict=True))
         pairs = zip(columns[:-1], columns[1:], strict=True)
         shown = next((second[0] for first, second in pairs if _may_be_one(first, second)), None)

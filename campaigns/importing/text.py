@@ -265,6 +265,8 @@ class TextSource:
         if dialect.doubt:
             raise DataError(dialect.doubt)
         count, remarks = self._checked
+        if not count:
+            raise DataError(f"{self.path} has no row of data below its names: check that the file is whole")
         done = 0
         try:
             with self.path.open(encoding=dialect.encoding) as stream:

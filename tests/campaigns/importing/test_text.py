@@ -58,6 +58,15 @@ READ: dict[str, str | bytes] = {
 }
 
 
+@pytest.mark.parametrize("rows", [1, 2])
+def test_one_column_of_decimal_commas_below_a_number_is_no_table_of_two(tmp_path, rows):
+    """The name is a number, and so might be the first row: two columns below a title."""
+    (tmp_path / "a.txt").write_text("0" + rows * "\n0,0")
+    with pytest.raises(DataError, match="no row of data" if rows == 1 else "may be the digits behind a decimal comma"):
+        TextSource(tmp_path / "a.txt", header=True).array("")
+    assert TextSource(tmp_path / "a.txt", separator=";", decimal=",", header=True).array("").shape == (rows, 1)
+
+
 @pytest.mark.parametrize("how", READ)
 def test_the_same_table_is_read_however_it_is_written(tmp_path, how):
     source = table(tmp_path, READ[how])
