@@ -97,7 +97,8 @@ def make_kit(folder: Path) -> None:
     columns = MAP.replace("data.csv", "data.npy").replace('"x"\nunit', '"[:, 1]"\nunit').replace('"u"\n', '"[:, 0]"\n')
     (folder / "map-npy.toml").write_text(columns, encoding="utf-8")
     for arguments in SOUND:
-        code, said = in_child(partial(mccd, list(arguments)), folder, LIMIT_S)
+        # nothing hostile yet: a sound design takes half a minute
+        code, said = in_child(partial(mccd, list(arguments)), folder, 4 * LIMIT_S)
         if code:
             raise RuntimeError(f"{' '.join(arguments)} ends with {code}: {said}")
     results = folder / "hidden" / "results" / "0001"

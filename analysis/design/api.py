@@ -34,7 +34,7 @@ from sim_backend.model import Model
 Array = NDArray[np.float64]
 
 
-TRIED = 4
+TRIED = 8
 """Feedbacks around which learning is designed, the quietest first."""
 
 MOST_SETTLING_S = 0.1
@@ -53,7 +53,7 @@ class Options:
     most_w: float | None = None
     periods: int = 20
     tolerance: Tolerance = Tolerance()
-    plants: int = 50
+    plants: int = 100
     seed: int = 0
 
     def __post_init__(self) -> None:
