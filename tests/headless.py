@@ -194,6 +194,16 @@ def least_contrast(tab: Tab) -> float:
     return float(tab.run(script))
 
 
+def check_desk_and_phone(tab: Tab, page: Path) -> None:
+    """Assert that a page asks for nothing else, fits, and can be heard and read, light on a desk, dark on a phone."""
+    for width, scheme in ((1280, "light"), (390, "dark")):
+        tab.open(page, width=width, prefers_color_scheme=scheme)
+        assert tab.complaints() == [] and tab.requests() == [page.resolve().as_uri()]
+        assert tab.run("document.documentElement.scrollWidth") <= width
+        # WCAG 2, level AA, for text of any size
+        assert nameless(tab) == 0 and least_contrast(tab) >= 4.5
+
+
 @contextlib.contextmanager
 def browser() -> Iterator[Tab]:
     """Start the browser with a profile of its own and yield a tab; it is gone after the block."""

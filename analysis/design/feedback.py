@@ -185,8 +185,8 @@ def _described(
 
 def three_sigma(f: Array, plants: ComplexArray, controller: ComplexArray, noise: Noise, rate_hz: float) -> Array:
     """Return 3σ of the reading (n,) in closed loop for the responses `plants` (n, n_f) of one controller (n_f,)."""
-    spectra = [sum(reading_spectrum(f, p, controller, noise, rate_hz)) for p in plants]
-    return np.array([3.0 * np.sqrt(_mean(f, s)) for s in spectra])
+    torque, reading = reading_spectrum(f, plants, controller, noise, rate_hz)
+    return np.asarray(3.0 * np.sqrt(_mean(f, torque + reading)))
 
 
 def largest_pole(plant: ModalModel, controller: DiscreteFilter, rate_hz: float) -> float:
@@ -195,6 +195,6 @@ def largest_pole(plant: ModalModel, controller: DiscreteFilter, rate_hz: float) 
     return float(np.max(np.abs(closed_loop_poles(discretise(plant.with_(delay_s=whole), rate_hz), controller))))
 
 
-def _mean(f: Array, spectrum: object) -> float:
-    """Mean of a power over all frequencies up to the last, from an uneven grid."""
-    return float(np.trapezoid(np.asarray(spectrum), f) / f[-1])
+def _mean(f: Array, spectrum: Array) -> Array:
+    """Return the mean (...) of powers (..., n_f) over all frequencies up to the last, from an uneven grid."""
+    return np.asarray(np.trapezoid(spectrum, f) / f[-1])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -200,27 +201,39 @@ class _Tried:
     half_length: int
     gains: tuple[float, ...]
 
+    @cached_property
+    def taps(self) -> tuple[float, ...]:
+        """The low pass."""
+        return q_taps(self.cutoff_hz, self.half_length, self.filter.rate_hz)
+
     def q(self, frequency_hz: Array) -> Array:
         """Return the magnitude (n_f,) of the low pass."""
-        taps = q_taps(self.cutoff_hz, self.half_length, self.filter.rate_hz)
-        return np.abs(q_response(taps, frequency_hz, self.filter.rate_hz))
+        return np.abs(q_response(self.taps, frequency_hz, self.filter.rate_hz))
 
     def design(
         self, f: Array, ahead: ComplexArray, at: tuple[Array | None, Array | None, Array | None], learned: Learned
     ) -> LearningDesign:
         """Return it with what it does to plants of which z^lead S_p L is `ahead` (n, n_f), and `at` measured lines."""
-        left = [self.q(f) * np.abs(1.0 - gain * ahead) for gain in self.gains]
-        taps = q_taps(self.cutoff_hz, self.half_length, self.filter.rate_hz)
+        q = self.q(f)
+        left = {gain: q * np.abs(1.0 - gain * ahead) for gain in set(self.gains)}
+        first = left[self.gains[0]]
+        whole = np.ones_like(first)
+        for gain in self.gains:
+            whole *= left[gain]
         return LearningDesign(
-            **vars(self),
+            filter=self.filter,
+            lead_samples=self.lead_samples,
+            cutoff_hz=self.cutoff_hz,
+            half_length=self.half_length,
+            gains=self.gains,
             frequency_hz=f,
-            factor=left[0][0],
-            worst=left[0].max(axis=0),
+            factor=first[0],
+            worst=first.max(axis=0),
             lines_hz=at[0],
             at_lines=at[1],
             at_lines_worst=at[2],
-            expected=learned.expected(taps, self.gains),
-            grown=float(np.quantile(np.prod(left, axis=0).max(axis=-1), MOST)),
+            expected=learned.expected(self.taps, self.gains),
+            grown=float(np.quantile(whole.max(axis=-1), MOST)),
         )
 
 

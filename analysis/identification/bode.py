@@ -13,6 +13,7 @@ from analysis.frequency.frf_records import frequency_response_welch
 from analysis.identification.identified import Identification
 from analysis.identification.modelled_response import frequencies_of, response_of
 from analysis.identification.realisations import realisations_of
+from analysis.identification.record_remarks import is_stepped_sine
 from analysis.identification.response_curves import ResponseCurve, curve_of_sweep, curves_of_periods
 from analysis.recorded.sweep import sweep_of
 from campaigns.facts import measured_segments
@@ -39,7 +40,7 @@ def curves_of_run(run: Run) -> tuple[ResponseCurve, ...]:
 
     Empty where it holds no excitation; raises DataError as reading it does.
     """
-    if any("measure_from" in s.settings for s in run.segments):
+    if is_stepped_sine(run):
         sweep = sweep_of(run)
         ends = [next(c.name for c in run.channels.values() if (c.role, c.dof) == (r, sweep.axis)) for r in ROLES[:2]]
         return (curve_of_sweep(sweep, *ends),)

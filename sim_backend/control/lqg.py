@@ -134,10 +134,10 @@ def _in_units_of(noise: Noise, a: Array, b: Array, c: Array) -> tuple[Array, Arr
 def reading_spectrum(
     frequency_hz: ArrayLike, plant: ArrayLike, controller: ArrayLike, noise: Noise, rate_hz: float
 ) -> tuple[Array, Array]:
-    """Return what torque and reading noise each give to the closed loop's reading, as power per sample (n_f,).
+    """Return what torque and reading noise each give to the closed loop's reading, as power per sample (..., n_f).
 
-    Its mean over frequencies spread evenly up to half the rate is the variance (Parseval). `plant` and `controller`
-    are sampled responses (n_f,).
+    Its mean over frequencies spread evenly up to half the rate is the variance (Parseval). `plant` (..., n_f) and
+    `controller` (n_f,) are sampled responses.
     """
     p, k = np.asarray(plant), np.asarray(controller)
     sensitivity = 1.0 / (1.0 + p * k)

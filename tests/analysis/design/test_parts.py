@@ -70,14 +70,10 @@ def test_a_short_record_is_refused():
         measure_noise(np.zeros(1000), PLANT, RATE_HZ)
 
 
-def test_plants_are_drawn_within_what_the_file_states_and_the_tolerance_adds():
-    std = PLANT.with_(
-        omega_rad_s=0.003 * PLANT.omega_rad_s,
-        sigma_1_s=0.04 * PLANT.sigma_1_s,
-        c=0.01 * PLANT.c,
-    )
-    stated = from_linear(
-        PLANT,
+def model_of(plant, std=None):
+    """The model file of a plant of θx, with the deviations that it states."""
+    return from_linear(
+        plant,
         name="m",
         title="",
         sample_rate_hz=RATE_HZ,
@@ -87,6 +83,15 @@ def test_plants_are_drawn_within_what_the_file_states_and_the_tolerance_adds():
         source="test",
         std=std,
     )
+
+
+def test_plants_are_drawn_within_what_the_file_states_and_the_tolerance_adds():
+    std = PLANT.with_(
+        omega_rad_s=0.003 * PLANT.omega_rad_s,
+        sigma_1_s=0.04 * PLANT.sigma_1_s,
+        c=0.01 * PLANT.c,
+    )
+    stated = model_of(PLANT, std)
     tolerance = Tolerance(frequency=0.004, suspension=0.0, damping=0.03, participation=0.0)
     drawn = drawn_plants(stated, "theta_x", tolerance, 4001, np.random.default_rng(0))
     np.testing.assert_array_equal(drawn[0].omega_rad_s, PLANT.omega_rad_s)
@@ -100,16 +105,7 @@ def test_plants_are_drawn_within_what_the_file_states_and_the_tolerance_adds():
     late = np.array([p.delay_s[0] for p in drawn[1:]]) * RATE_HZ
     assert late.min() >= 0.0 and late.max() <= 1.0 + RATE_HZ / (2.0 * np.pi * 1000.0)
     assert late.mean() == pytest.approx(0.5 + 0.5 * RATE_HZ / (2.0 * np.pi * 1000.0), rel=0.05)
-    known = from_linear(
-        PLANT.with_(delay_s=np.array([3e-4])),
-        name="known",
-        title="",
-        sample_rate_hz=RATE_HZ,
-        inputs=MODEL.inputs[:1],
-        outputs=MODEL.outputs[:1],
-        origin="fitted",
-        source="test",
-    )
+    known = model_of(PLANT.with_(delay_s=np.array([3e-4])))
     some = [p.delay_s[0] * RATE_HZ for p in drawn_plants(known, "theta_x", tolerance, 200, np.random.default_rng(0))]
     assert some[0] == pytest.approx(3.0) and 2.0 <= min(some) < 2.1 and 3.9 < max(some) <= 4.0
     assert isinstance(stated.modes[0].frequency_hz, Quantity)

@@ -17,11 +17,7 @@ def test_it_asks_for_nothing_fits_a_telephone_and_is_readable() -> None:
     found = json.loads((made / "printed.json").read_text(encoding="utf-8"))
     page = made / "design" / "index.html"
     with headless.browser() as tab:
-        for width, scheme in ((1280, "light"), (390, "dark")):
-            tab.open(page, width=width, prefers_color_scheme=scheme)
-            assert tab.complaints() == [] and tab.requests() == [page.resolve().as_uri()]
-            assert tab.run("document.documentElement.scrollWidth") <= width
-            assert headless.nameless(tab) == 0 and headless.least_contrast(tab) >= 4.5
+        headless.check_desk_and_phone(tab, page)
         tab.choose(".colours select", "light")
         assert tab.run("document.documentElement.dataset.colours") == "light"
         cells = tab.run("[...document.querySelectorAll('td')].map(e => e.textContent)")

@@ -89,10 +89,6 @@ def test_the_page_asks_for_nothing_fits_a_telephone_and_is_readable(tmp_path, ta
         == 0
     )
     with headless.browser() as tab:
-        for width, scheme in ((1280, "light"), (390, "dark")):
-            tab.open(page, width=width, prefers_color_scheme=scheme)
-            assert tab.complaints() == [] and tab.requests() == [page.resolve().as_uri()]
-            assert tab.run("document.documentElement.scrollWidth") <= width
-            assert headless.nameless(tab) == 0 and headless.least_contrast(tab) >= 4.5
+        headless.check_desk_and_phone(tab, page)
         assert tab.run("document.querySelectorAll('figure svg').length") == 1
         assert "the model misses the response" in tab.run("document.querySelector('main ul').textContent")
