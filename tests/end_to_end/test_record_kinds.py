@@ -207,8 +207,8 @@ def test_the_swing_from_rest_is_no_noise_of_a_linear_plant(tmp_path):
 
 @pytest.mark.xfail(
     strict=True,
-    reason="what fades slowly after the start differs between periods and passes for noise; with a search that takes it "
-    "out, a gross bench of three minutes was not done after fourteen",
+    reason="what fades slowly after the start differs between periods and passes for noise; with a search that mends "
+    "it, a gross bench of three minutes was not done after fourteen",
 )
 @pytest.mark.parametrize(
     ("seed", "effect", "parameter", "law", "most_std"),
