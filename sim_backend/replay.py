@@ -114,8 +114,8 @@ def replay_together(
 ) -> list[Motion]:
     """Return the motion of every case, to the last bit as `replay` gives it alone; several take less time together.
 
-    A case whose readings go beyond `farthest` (n_y,) before a good part is played is given up: its readings are
-    infinite.
+    A case whose readings at the samples of `u` go beyond `farthest` (n_y,) before a good part is played is given up:
+    its readings are infinite.
     """
     motions: dict[int, Motion] = {}
     for finer in {case.ready.finer for case in cases}:
@@ -123,21 +123,24 @@ def replay_together(
         wave = layout.Waveform(*_sent(u, finer), _NO_EVENTS, np.zeros((0, 0)))
         own = {i: case for i, case in enumerate(cases) if case.ready.finer == finer}
         begun = [_begun(case, places, transducers, wave, held) for case in own.values()]
-        _play(begun, wave.feedforward.shape[0], farthest)
+        _play(begun, u.shape[0], finer, farthest)
         for (i, case), one in zip(own.items(), begun, strict=True):
             motions[i] = _ended(one, case, places, rate_hz)
     return [motions[i] for i in range(len(cases))]
 
 
-def _play(begun: Sequence[_Begun], n: int, farthest: Array | None) -> None:
-    """Play cases of one length, as far as each stays within `farthest`."""
+def _play(begun: Sequence[_Begun], n: int, finer: int, farthest: Array | None) -> None:
+    """Play cases of `n` samples of `finer` steps, as far as each stays within `farthest` at the samples.
+
+    Between them a fitted model may swing much farther: no reading tells.
+    """
     first, left = 0, list(begun)
     for part in (1.0,) if farthest is None else _LOOKED_AT:
-        end = round(part * n)
+        end = round(part * n) * finer
         waves, outs = [one.part(first, end) for one in left], [one.out._replace(first=first) for one in left]
         side_by_side.play([one.loop for one in left], end - first, waves, outs)
         if farthest is not None:
-            within = [bool(np.all(np.abs(one.out.reading[:, first:end]) <= farthest[:, None])) for one in left]
+            within = [bool(np.all(np.abs(one.out.reading[:, first:end:finer]) <= farthest[:, None])) for one in left]
             for one, stays in zip(left, within, strict=True):
                 if not stays:
                     one.out.reading[:] = np.inf

@@ -134,6 +134,7 @@ def dominant_cause(setting: Setting, tuned: Fit, rules: Rules, scales: Scales, p
     more = modal is None or _above(setting, modal) > 1.0  # there is nothing to explain in noise
     kinds = _kinds(gram, candidates, first) if more else []
     fits = [_fitted(setting, beside, kind, 0.3 + 0.3 * k / len(kinds), progress) for k, kind in enumerate(kinds)]
+    fits = [fit for fit in fits if np.isfinite(fit.misfit)]  # what cannot be simulated explains nothing
     rows = _independent_rows(setting, min([beside, *fits], key=_misfit))
     fits.sort(key=partial(_cost, rows=rows))
     best = _settled(setting, fits[0], progress) if fits else beside

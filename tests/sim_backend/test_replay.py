@@ -125,3 +125,20 @@ def test_a_motion_that_goes_too_far_is_given_up_and_its_neighbours_are_not(lanes
         for name in ("reading", "position", "torque", "states"):
             np.testing.assert_array_equal(getattr(held[i], name), getattr(free[i], name), err_msg=name)
     assert LANES in lanes
+
+
+def test_only_what_a_reading_sees_goes_too_far() -> None:
+    """A mode at the sample rate is at the same place at every sample; between two it swings ten times as far.
+
+    A step that is 0.9 samples late meets every sample a tenth of a period after the mode was at rest.
+    """
+    between = LINEAR.with_(
+        omega_rad_s=np.full(1, 2.0 * np.pi * RATE_HZ), sigma_1_s=np.zeros(1), delay_s=np.full(1, 0.9 / RATE_HZ)
+    )
+    ready, u = stepped(between, [], PLACES, RATE_HZ, 4), np.full((2000, 1), 0.02)
+    assert ready.finer > 1
+    swing = 2.0 * 0.02 * between.c[0, 0] * between.b[0, 0] / between.omega_rad_s[0] ** 2
+    (free,) = replay_together([Case(ready, [])], PLACES, TRANSDUCERS, u, RATE_HZ)
+    assert np.max(free.reading) == pytest.approx(0.5 * (1.0 - np.cos(0.2 * np.pi)) * swing, rel=1e-3)
+    (held,) = replay_together([Case(ready, [])], PLACES, TRANSDUCERS, u, RATE_HZ, farthest=np.full(1, 0.5 * swing))
+    np.testing.assert_array_equal(held.reading, free.reading)
