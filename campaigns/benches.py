@@ -87,7 +87,7 @@ BENCHES: dict[str, BenchKind] = {
         _told_by_identity,
         repeatable=False,
     ),
-    "tcp": BenchKind("tcp:HOST:PORT", "a bench in the network", _open_at("tcp"), _told_by_identity, repeatable=False),
+    "tcp": BenchKind("tcp:HOST:PORT", "a bench on the network", _open_at("tcp"), _told_by_identity, repeatable=False),
 }
 
 

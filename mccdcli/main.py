@@ -26,10 +26,11 @@ One thread each: our matrices are small, and threads that wait for a busy core c
 cores that others were using, a least-squares problem of 3000 × 60 took 4.5 ms with one thread and 950 ms with four.
 """
 
-HELP: Final = """Test, calibrate and correct the model of a cryogenic chopping mirror.
+HELP: Final = """Identify, test and correct the model of a mechatronic bench.
 
-Runs the test campaign on the simulated bench or on a real one, rebuilds the published tables and figures from
-the logs, shows what the simulation gets wrong, names the cause and measures what correcting it gains.
+From logs, also imported ones, it shows what the model gets wrong, names the cause and measures what correcting it
+gains. It runs test campaigns on a simulated bench or a real one; the bundled one is a cryogenic chopping mirror,
+of which it rebuilds the published tables and figures.
 """
 
 EPILOG: Final = """\b

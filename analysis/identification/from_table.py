@@ -1,4 +1,4 @@
-"""A linear model from a table of frequency response, the format in which vibration labs keep their data."""
+"""A linear model from a frequency-response table, the format in which vibration labs keep their data."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def identify_table(
     name: str = "identified",
     report: Report = unheard,
 ) -> Identification:
-    """Return the linear model of a table of frequency response, at its lowest level or at `level`.
+    """Return the linear model of a frequency-response table, at its lowest level or at `level`.
 
     Every point is weighed by its size, and the model's residual is its uncertainty. Raises ConfigError for a level that
     the table does not have, DataError as `read_table`.

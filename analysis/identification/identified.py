@@ -23,7 +23,7 @@ from sim_backend.model import EffectEntry, Intersample, Model, Port, Quantity, f
 Array = NDArray[np.float64]
 
 
-TABLE = "table of frequency response"
+TABLE = "frequency-response table"
 """The method of what was fitted to no record."""
 
 

@@ -1,4 +1,4 @@
-"""Points of a table of frequency response that were measured several times at one level: averaged, and said so."""
+"""Points of a frequency-response table that were measured several times at one level: averaged, and said so."""
 
 from __future__ import annotations
 

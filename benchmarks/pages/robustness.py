@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from analysis.recorded.requirements import POWER_W
 from benchmarks.pages.marks import link, percent
+from benchmarks.robustness_trial import STEP_S, STRAY_RAD, UNSAFE_CYCLES
 
 
 def table(files: Sequence[Path]) -> str:
@@ -19,7 +21,11 @@ def table(files: Sequence[Path]) -> str:
     for file in files:
         found = json.loads(file.read_text(encoding="utf-8"))
         lines += [_line(file, found["spread"], name, s) for name, s in found["strategies"].items()]
-    below = "The last two columns are the worst values, of chops that were not stopped and that settled."
+    below = (
+        f"*Safe*: never more than {UNSAFE_CYCLES} cycles in a row in which an axis is {1e6 * STRAY_RAD:.0f} µrad off "
+        f"later than {1e3 * STEP_S:.0f} ms after its step began, or the power exceeds {POWER_W:g} W.\n"
+        "The last two columns are the worst values, of chops that were not stopped and that settled."
+    )
     return "\n".join([*lines, "", below]) + "\n"
 
 

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import click
 
-from mccdcli.options import common_options
+from mccdcli.options import BENCHES, BenchAddress, common_options
 from mccdcli.output import BAD, GOOD, emit, table
 from mccdcli.progress import progress
 from sim_backend.errors import ConfigError
 
 
 @click.command()
-@common_options("bench", "seed", "json")
+@click.option(
+    "--bench",
+    type=BenchAddress(),
+    envvar="MCCD_BENCH",
+    required=True,
+    metavar="BENCH",
+    help=f"Which bench: {', '.join(form for form in BENCHES if not form.startswith('sim'))}.",
+)
+@common_options("seed", "json")
 def check(bench: str, seed: int, as_json: bool) -> int:
     """Check that a bench keeps to the serial protocol; exit code 1 if it does not.
 

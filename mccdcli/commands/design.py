@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     type=Percent(0, 50, max_open=True),
     default="1%",
     show_default=True,
-    help="How far every mode's frequency may be off, beside the scatter that the model states, as 1%.",
+    help="How far every mode's frequency may be off, beside the scatter that the model states, e.g. 1%.",
 )
 @click.option(
     "--max-power",

@@ -36,7 +36,7 @@ POSSIBLE: Final = ("consistent", "named", "ambiguous", "unknown")
     type=Percent(0, 100, min_open=True),
     default="3%",
     show_default=True,
-    help="Relative standard deviation of the model's own parameters, as 3%.",
+    help="Relative standard deviation of the model's own parameters, e.g. 3%.",
 )
 @click.option(
     "--rows",
@@ -56,7 +56,7 @@ POSSIBLE: Final = ("consistent", "named", "ambiguous", "unknown")
     "table_file",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Judge by a table of frequency response instead of logs (frequency, magnitude, phase; levels).",
+    help="Judge by a frequency-response table instead of logs (frequency, magnitude, phase; levels).",
 )
 @click.option("--level", type=Real(), help="With --frf: level of excitation to use.  [default: all]")
 @click.option(
@@ -204,13 +204,13 @@ def _require_one(
 ) -> None:
     """End with a usage error unless logs or a table are given, and what goes with them."""
     if runs and table_file is not None:
-        raise click.UsageError("give logs or a table of frequency response, not both")
+        raise click.UsageError("give logs or a frequency-response table, not both")
     if table_file is not None and bench is not None:
         raise click.UsageError("--bench goes with logs: a table proposes no experiment")
     if table_file is None and (level is not None or held):
         raise click.UsageError(f"--{'held' if held else 'level'} goes with --frf")
     if not runs and table_file is None:
-        raise click.UsageError("Missing argument 'RUN.h5…': give logs, or a table of frequency response with --frf.")
+        raise click.UsageError("Missing argument 'RUN.h5…': give logs, or a frequency-response table with --frf.")
 
 
 def _of_table(
@@ -224,7 +224,7 @@ def _of_table(
     page: bool,
     as_json: bool,
 ) -> dict[str, Any]:
-    """Judge the model by a table of frequency response, write the files and show the answer."""
+    """Judge the model by a frequency-response table, write the files and show the answer."""
     from analysis.diagnosis.answer.output import document, prepare_folder, write_files
     from analysis.diagnosis.pipeline import Options
     from analysis.diagnosis.records.loading import Source

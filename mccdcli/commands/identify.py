@@ -56,7 +56,7 @@ PAGE = ".html"
     "table_file",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Fit a table of frequency response instead of logs (frequency, magnitude, phase; levels).",
+    help="Fit a frequency-response table instead of logs (frequency, magnitude, phase; levels).",
 )
 @click.option(
     "--rate",
@@ -120,7 +120,7 @@ def identify(
         _require_picture(picture, force=force)
     if table_file is not None:
         if given:
-            raise click.UsageError("give logs or a table of frequency response, not both")
+            raise click.UsageError("give logs or a frequency-response table, not both")
         fitted = _from_table(table_file, modes=modes, rate_hz=rate_hz, level=level, name=target.stem)
         return _done(fitted, (), target, (table_file,), response, picture, as_json, force=force)
     if not given and dry_run:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     type=Percent(0, 100, min_open=True),
     default="3%",
     show_default=True,
-    help="Relative standard deviation of the model's own parameters, as 3%.",
+    help="Relative standard deviation of the model's own parameters, e.g. 3%.",
 )
 @click.option("--resume", is_flag=True, help="Continue the investigation that the folder holds.")
 @settings_option

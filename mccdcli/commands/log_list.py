@@ -47,7 +47,7 @@ def list_logs(
 ) -> None:
     """List the logs in DIR and below: test, bench, start, status, note.
 
-    Only headers are read. Files that are damaged, or no logs, are listed as such, whatever --test, --bench, --note and
+    Only headers are read. Files that are damaged, or not logs, are listed as such, whatever --test, --bench, --note and
     --since say; --status leaves them out, and --status unreadable lists them alone.
 
     \b

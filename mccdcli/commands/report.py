@@ -51,7 +51,7 @@ OWN_LOGS: Final = "310 MB"
     "--known-misses",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help='With --check: numbers that may fail. TOML with a table for each table, its lines "row" = "reason".',
+    help='With --check: numbers that may fail. TOML with a section per table, as ["6.4"], of lines "row" = "reason".',
 )
 @click.option(
     "--junit",

@@ -1,4 +1,4 @@
-"""The diagnosis of a table of frequency response, from its points and a model to verdict, evidence and gain."""
+"""The diagnosis of a frequency-response table, from its points and a model to verdict, evidence and gain."""
 
 from __future__ import annotations
 

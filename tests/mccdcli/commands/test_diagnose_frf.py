@@ -68,7 +68,7 @@ def test_a_table_that_cannot_be_judged_is_refused_on_one_line(folder, case):
 
 
 USAGE = {
-    "both": (["h.csv", "--frf", "h.csv"], "give logs or a table of frequency response, not both"),
+    "both": (["h.csv", "--frf", "h.csv"], "give logs or a frequency-response table, not both"),
     "neither": ([], "with --frf"),
     "level": (["h.csv", "--level", "1"], "--level goes with --frf"),
     "bench": (["--frf", "h.csv", "--bench", "sim"], "--bench goes with logs"),

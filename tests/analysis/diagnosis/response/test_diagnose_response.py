@@ -1,4 +1,4 @@
-"""What tables of frequency response show of a model: named where it can be told, tied or unknown where it cannot."""
+"""What frequency-response tables show of a model: named where it can be told, tied or unknown where it cannot."""
 
 from __future__ import annotations
 
