@@ -34,7 +34,10 @@ _LIFTED: Final = {
 
 @dataclass(frozen=True)
 class Settings:
-    """What the files say: `values` as nested tables by command and option, `origins` the file of each by its path."""
+    """What the files say: `values` as nested tables by command and option.
+
+    `origins` has the file that set each, by its key path (command, …, option).
+    """
 
     values: Mapping[str, Any] = field(default_factory=dict)
     origins: Mapping[tuple[str, ...], Path] = field(default_factory=dict)

@@ -61,7 +61,7 @@ class Server(ThreadingHTTPServer):
         return f"http://{HOST}:{self.server_port}/"
 
     def answer(self, path: str) -> tuple[str, bytes] | None:
-        """Return the kind and the content of what is at `path`, None where nothing is."""
+        """Return the content type and the content of the page at `path`, None where there is none."""
         if path == "/":
             version = f"{tool_version()} ({tool_commit()})"
             text = self.page.render(state=self.state, period_s=self.period_s, version=version)

@@ -49,7 +49,10 @@ MOST_OPEN = 8
 
 @dataclass(frozen=True)
 class Part:
-    """A stretch of the record: its channels (n,) in SI, how they lay in the source, how finely, clock, resampling."""
+    """A part of the record: its `columns` (n,) in SI by channel, and the axes (`layout`) they had in the source.
+
+    `facts` tell of resampling, `precisions` with how many digits or bits the source keeps each channel.
+    """
 
     label: str
     settings: Mapping[str, Any]

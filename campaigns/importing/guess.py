@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 PATHS = (".mat", ".h5", ".hdf5", ".nc", ".tdms")
 """Files whose names are paths."""
 
+_ALL_FITTED = "nothing is held out, so that every sample is fitted and none tests the model"
+
 MOST_TOLD = 20
 """At most so many of the names that are left out are listed."""
 
@@ -81,6 +83,7 @@ def guess(paths: Sequence[Path], folder: Path) -> Guess:
     period = 0 if archive else period_of({c.select: c.values for c in others if c.role == "input"})
     if period:
         said.append(f"the inputs repeat after {period} samples")
+    said.append(_ALL_FITTED)
     text = _text([_from(path, folder) for path in paths], source, others, clock, period)
     return Guess(text, tuple(said))
 
@@ -241,6 +244,7 @@ def _text(paths: Sequence[Path], source: Source, columns: Sequence[Column], cloc
         lines.append(f"period = {period}   # found on the inputs")
     plain = Counter(column.plain for column in columns)
     taken: set[str] = set()
+    rows = 0 if "resample" in clock else columns[0].values.size
     single = all(sum(column.role == role for column in columns) <= 1 for role in ("input", "output"))
     for column in columns:
         called = column.plain if plain[column.plain] == 1 else column.select
@@ -263,7 +267,22 @@ def _text(paths: Sequence[Path], source: Source, columns: Sequence[Column], cloc
             lines.append("allow_constant = true")
     for path in paths if len(paths) > 1 else ():
         lines += ["", "[[parts]]", f'label = "{_quoted(path.stem)}"', f'source = "{_quoted(str(path))}"']
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, "", *_held_out(len(paths), rows, period)]) + "\n"
+
+
+def _held_out(files: int, rows: int, period: int) -> list[str]:
+    """Return the comment that offers to hold out the last fifth of `rows`, zero where nobody knows how many there are.
+
+    A sweep has its highest frequencies at the end, so nothing is held out before its owner has decided.
+    """
+    lines = [f"# {_ALL_FITTED.capitalize()}. To keep some from every fit:"]
+    if files > 1:
+        return [*lines, "# write held-out into the label of a part."]
+    grain = period or 1
+    first = (rows - rows // 5) // grain * grain
+    if not 0 < first < rows:
+        return [*lines, "# name them in [segments]."]
+    return [*lines, "# [segments]", f'# "fit" = [0, {first}]', f'# "held-out" = [{first}, {rows}]']
 
 
 def _doubtful(column: Column) -> str:

@@ -99,8 +99,8 @@ class SerialBench:
     def play(self, segment: Segment) -> Record:
         """Play one segment from the present state and return the record.
 
-        Raises ConfigError for what the bench cannot be asked, HardwareError when it or the line fails; never returns
-        another record than the one that was measured.
+        Raises ConfigError for a segment beyond the limits or the memory of the bench, HardwareError when bench or line
+        fails; it never returns the record of another run.
         """
         names = self._names(segment)
         check_segment(segment, self.limits)

@@ -49,9 +49,9 @@ class ExtraResonance(Effect):
 
     @classmethod
     def limits(cls, view: RecordView) -> dict[str, tuple[float, float]]:
-        """Return the damping ratios of an extra resonance: up to where there is no peak.
+        """Return the lowest and the highest damping ratio of an extra resonance: above it no peak is seen.
 
-        What is damped more is creep or a lag, which are effects of their own.
+        What is damped more has no name here: see `beyond`.
         """
         return {"damping_ratio": (1e-6, _NO_PEAK)}
 

@@ -17,11 +17,12 @@ from sim_backend.linear import Array
 
 @dataclass(frozen=True)
 class Scale:
-    """How one effect parameter is written on a scale of order one, with its prior (`mean`, `sd`) on that scale.
+    """One parameter of effect number `effect` on a scale x of order one: the value is unit·x, or unit·exp(x) if `log`.
 
-    Sizes have a prior of about their natural size, shapes one of the range in which their effect searches for them.
-    A shape that `measures` its effect, which has no size and ends where the shape is zero, may be of any size as well.
-    Over one with a `cusp` the misfit is nowhere close to a parabola.
+    `low` and `high` are the physical bounds of the value; `mean` and `sd` the normal prior of x: about one for a size,
+    over the range that the effect searches for a shape. `grain` is the least step of x for a difference. `measures`
+    marks the only parameter of an effect that is neutral where it is zero: its prior is wide. With a `cusp` the misfit
+    over x has no tangent at its least, and no parabola describes it.
     """
 
     effect: int

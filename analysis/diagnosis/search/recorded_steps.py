@@ -21,7 +21,10 @@ _NEAR = 1e-3
 
 
 def with_recorded_steps(setting: Setting, fit: Fit, lattices: Mapping[str, Lattice]) -> Fit:
-    """Return `fit` with the steps of readings as they were recorded, where that is no worse."""
+    """Return `fit` with its quantisation steps as seen in the readings, unless the evidence is then worse.
+
+    `lattices` holds the steps seen, by output.
+    """
     pairs = [
         _recorded(candidate, effect, lattices) for candidate, effect in zip(fit.candidates, fit.effects, strict=True)
     ]

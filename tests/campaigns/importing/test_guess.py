@@ -49,6 +49,25 @@ def test_names_units_clock_period_and_roles(tmp_path):
         assert run.segments[0].settings["period_samples"] == 200
 
 
+def test_the_segments_that_it_offers_are_whole_periods_once_they_are_uncommented(tmp_path):
+    u = np.tile(np.random.default_rng(2).standard_normal(150), 7)
+    path = table(tmp_path, "t [s];u [N];y [m]", [np.arange(1050) * 1e-3, u, np.roll(u, 3)])
+    text, said = proposed(tmp_path, path)
+    assert "nothing is held out" in said and "Nothing is held out" in text
+    kept = text[: text.index("# [segments]")] + text[text.index("# [segments]") :].replace("# ", "")
+    (tmp_path / "map.toml").write_text(kept, encoding="utf-8")
+    import_run(tmp_path / "map.toml", tmp_path / "a.h5")
+    with read_run(tmp_path / "a.h5") as run:
+        # four fifths of 1050 samples are 840, of which 750 are whole periods
+        assert [(s.label, s.start, s.stop) for s in run.segments] == [("fit", 0, 750), ("held-out", 750, 1050)]
+
+
+def test_of_several_files_one_may_be_held_out_by_its_label(tmp_path):
+    columns = [np.arange(200) * 1e-3, U, Y]
+    text, _ = proposed(tmp_path, *(table(tmp_path, "t [s];u [N];y [m]", columns, name) for name in ("a.csv", "b.csv")))
+    assert "held-out into the label of a part" in text and "[segments]" not in text
+
+
 def test_what_nobody_can_know_is_marked(tmp_path):
     rng = np.random.default_rng(1)
     path = table(tmp_path, "a;b", [rng.standard_normal(300), rng.standard_normal(300)])

@@ -21,7 +21,7 @@ _PART = "drive"
     rate=lambda p, s: 100.0 / p[1],
 )
 def limited_slew(t, y, v, u, z, dz, p, f, i, j):
-    """An amplifier that follows no faster than a rate, which falls as `p[0]` grows."""
+    """An amplifier with a lag of p[1] / 100 seconds and a limited slew rate, 3 p[2] / p[0] a second."""
     fast = p[2] * 3.0 / p[0]
     dz[0] = min(max((u[i] - z[0]) / (0.01 * p[1]), -fast), fast)
     f[i] += z[0] - u[i]
