@@ -309,7 +309,7 @@ def _answer(found: Found, data: Dataset, tuned: Fit, best: Fit, model: Model, se
     gain = gain_of(data, before, after, noise, first, last, names, seed, errors)
     if gain is not None:
         moving = [one.output for one in gain.outputs]
-        gain = replace(gain, rms_given=error_as_given(data, model.linear(), names, moving))
+        gain = replace(gain, rms_given=error_as_given(data, model, moving))
     return _Answer(before, after, remaining, gain)
 
 
