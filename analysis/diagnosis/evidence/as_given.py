@@ -7,8 +7,10 @@ from collections.abc import Collection
 import numpy as np
 
 from analysis.diagnosis.fitting.fit import steps_of
+from analysis.diagnosis.nominal.responses import played, simulate
 from analysis.diagnosis.records.dataset import Dataset, Record
-from sim_backend.assembly import places_of, stated, transducers_of
+from sim_backend.assembly import places_of, retuned, stated, transducers_of
+from sim_backend.effects.base import Site
 from sim_backend.linear import Array
 from sim_backend.model import Model
 from sim_backend.replay import replay
@@ -16,11 +18,15 @@ from sim_backend.replay import replay
 
 def left_as_given(model: Model, record: Record, rate_hz: float) -> Array:
     """Return what a model, played from rest, leaves of a record (n, n_y); not finite where it runs away."""
-    linear = model.linear()
+    effects, places = stated(model.effects), places_of(model)
+    linear = retuned(model.linear(), effects, places)
+    if all(effect.site is Site.MODEL for effect in effects):
+        return record.left_by(simulate(played(linear, rate_hz), record.u))
+    acting = [effect for effect in effects if effect.site is not Site.MODEL]
     motion = replay(
         linear,
-        stated(model.effects),
-        places_of(model),
+        acting,
+        places,
         transducers_of(model),
         record.u,
         rate_hz,
