@@ -84,7 +84,9 @@ def large_discrepancy(setting: Setting) -> tuple[Setting, Fit] | None:
     """Return even weights and the model as it is, where its error on the very data of its fit is many times the noise.
 
     Its parameters have absorbed the error as far as they can; adjusted again they could only fit the largest samples.
+    Delays stay as they were fitted: parts of a sample need a loop that is many times faster, and noise says nothing.
     """
+    setting = replace(setting, nuisances=[n for n in setting.nuisances if n.field != "delay_s"])
     setting = reestimated_by(setting, setting.nominal, left_by(setting, setting.nominal, ()))
     residuals = left_by(setting, setting.nominal, ())
     ratio = above_noise(setting.data, residuals)
