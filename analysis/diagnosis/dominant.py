@@ -57,9 +57,6 @@ _LEAST_GAIN = 0.05
 _MATERIAL = 0.1
 """Least part of the whole error of the model that a cause beside modal effects explains by itself."""
 
-_NEAR = 3.0
-"""A cause without modal effects whose residual is so many times larger, after as many steps as all, is given up."""
-
 _LARGE = 5.0
 """Ratio of a residual to repeating noise beyond which the residual is model error and next to no noise."""
 
@@ -218,8 +215,7 @@ def _needed(setting: Setting, tuned: Fit, modal: Fit, both: Fit, progress: Progr
         for keep in ([i for i in range(len(both.candidates)) if i not in within], within)
     )
     modal = min(modal, rest, key=_misfit)
-    if alone.misfit < _NEAR * both.misfit:
-        alone = _settled(setting, alone, progress)
+    alone = _settled(setting, alone, progress)  # what is beside modal effects had as many steps
     cost = partial(_cost, rows=_independent_rows(setting, min(alone, modal, both, key=_misfit)))
     lead = 2.0 * SURE_LEAD
     if both.misfit > (1.0 - _LEAST_SHARE) * alone.misfit or cost(alone) < cost(both) + lead:

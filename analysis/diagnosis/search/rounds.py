@@ -131,12 +131,7 @@ def search(
             passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
         # what was passed over is only ever a rival of the first cause
         some = [f for _, f in ahead[: n_compared([lead for lead, _ in ahead], known=known or bool(best.candidates))]]
-        if rules.refined:
-            careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
-            setting, trials, before = _in_fine_steps(careful, some, best, last.price)
-        else:
-            setting, trials, before = _iterated_gls(setting, some, best, last.price)
-            trials = _from_the_best(setting, trials)
+        setting, trials, before = _in_their_steps(setting, some, best, last.price, rules)
         best = sharpened(setting, _best_of(setting, trials, before, last.price))
         best, rivals = with_recorded_steps(setting, best, rules.lattices), [*trials, before]
         flat = _flat(setting, best)
@@ -312,6 +307,17 @@ def _colour(setting: Setting, fit: Fit) -> float:
         if record.fitted().any()
     ]
     return max(ratios, default=0.0)
+
+
+def _in_their_steps(
+    setting: Setting, trials: list[Fit], before: Fit, price: float, rules: Rules
+) -> tuple[Setting, list[Fit], Fit]:
+    """Return what `_in_fine_steps` does; in the steps of the setting where the records show that they are theirs."""
+    if rules.refined:
+        careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
+        return _in_fine_steps(careful, trials, before, price)
+    setting, trials, before = _iterated_gls(setting, trials, before, price)
+    return setting, _from_the_best(setting, trials), before
 
 
 def _in_fine_steps(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
