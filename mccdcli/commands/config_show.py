@@ -17,7 +17,6 @@ from mccdcli.output import emit, plain, table
 from mccdcli.settings import FOR_ALL, PREFIX, Settings, options_of, places, same
 from sim_backend.errors import ConfigError
 
-
 _NONE: Final = "none"
 
 _WORKED_OUT: Final = re.compile(r"\[default: (.+)\]$")

@@ -267,9 +267,13 @@ def test_the_default_of_a_flag_is_shown_as_a_file_holds_it(capsys):
 
 def test_the_default_that_is_shown_is_that_of_the_help(capsys):
     for path in cli.paths():
-        command, named = cli, " ".join(path)
+        command: click.Command = cli
+        named = " ".join(path)
         for word in path:
-            command = command.get_command(click.Context(command), word)
+            assert isinstance(command, click.Group)
+            below = command.get_command(click.Context(command), word)
+            assert below is not None
+            command = below
         context = click.Context(command)
         for name, option in options_of(command):
             helped = re.search(r"\[default: ([^];]+)", (option.get_help_record(context) or ("",))[-1])

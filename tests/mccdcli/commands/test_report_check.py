@@ -5,11 +5,13 @@ from __future__ import annotations
 from itertools import groupby
 from pathlib import Path
 from types import SimpleNamespace
+from typing import cast
 from xml.etree import ElementTree
 
 from analysis.paper.known_misses import load_known_misses
 from analysis.paper.numbers import paper_tables
 from analysis.paper.rows import build_table
+from analysis.report.build import Report
 from mccdcli.commands.report import _checked
 
 
@@ -17,7 +19,7 @@ def test_a_failed_case_is_known_once_its_name_is_in_the_list(tmp_path: Path) -> 
     # a campaign that measured nothing: every number that can fail is a case
     tables = {key: build_table(key, paper, {}, ()) for key, paper in paper_tables().items()}
     junit = tmp_path / "report.xml"
-    _checked(SimpleNamespace(tables=tables), {}, junit)
+    _checked(cast(Report, SimpleNamespace(tables=tables)), {}, junit)
     cases = list(ElementTree.parse(junit).getroot().iter("testcase"))
     names = [case.get("name", "") for case in cases]
     assert names and len(names) == len(set(names))
