@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -101,7 +102,8 @@ def _channels(one: Run, other: Run) -> tuple[Row, ...]:
     for name in dict.fromkeys(name for each in found for name in each):
         a, b = (each.get(name) for each in found)
         unit = " / ".join(dict.fromkeys(s.unit for s in (a, b) if s is not None))
-        rows += [Row(f"{name}, {what}", getattr(a, what, None), getattr(b, what, None), unit) for what in STATISTICS]
+        spoken = _spoken(one if name in one.channels else other, name)
+        rows += [Row(f"{spoken}, {what}", getattr(a, what, None), getattr(b, what, None), unit) for what in STATISTICS]
     return tuple(rows)
 
 
@@ -115,7 +117,9 @@ def _responses(one: Run, other: Run) -> tuple[tuple[list[Entry], list[Entry]], s
             return ([], []), f"None is compared: {error}"
         if not found:
             return ([], []), f"None is compared: {run.path} holds no excitation that shows one."
-        entries.append([entry_of(curve) for curve in found])
+        entries.append(
+            [entry_of(replace(c, output=_spoken(run, c.output), input=_spoken(run, c.input))) for c in found]
+        )
     return (entries[0], entries[1]), ""
 
 
@@ -127,9 +131,15 @@ def _drawn(entries: Sequence[Entry], units: Mapping[tuple[str, str], str]) -> li
     ]
 
 
+def _spoken(run: Run, name: str) -> str:
+    """Return the name of a channel with its axis apart, so that it is printed as one: command theta_x."""
+    axis = run.channels[name].dof
+    return f"{name.removesuffix(f'_{axis}')} {axis}" if axis and name.endswith(f"_{axis}") else name
+
+
 def _units(*runs: Run) -> dict[tuple[str, str], str]:
     return {
-        (o, i): f"{run.channels[o].unit} per {run.channels[i].unit}"
+        (_spoken(run, o), _spoken(run, i)): f"{run.channels[o].unit} per {run.channels[i].unit}"
         for run in runs
         for o in run.names("output")
         for i in run.names("input")

@@ -153,7 +153,7 @@ def test_two_records_of_one_bench_agree_within_noise_and_what_nothing_drives_is_
     assert "Left out" in remark and "theta_y" in remark and "→ z" in remark
     assert all("→ theta_x" in row["what"] or "largest" in row["what"] for row in parts["Frequency response"]["rows"])
     drawn = re.findall(r"<figcaption><b>(.*?)</b>", page.read_text(encoding="utf-8"))
-    assert drawn == ["Response command_theta_x → θx."]
+    assert drawn == ["Response command θx → θx."]
 
 
 def test_a_bench_that_has_changed_differs_by_more_than_noise(tmp_path, capsys):
@@ -177,7 +177,10 @@ def test_the_terminal_prints_axes_as_the_page_does(tmp_path, capsys):
     assert main(["compare", *map(str, models(tmp_path))]) == 0
     said = capsys.readouterr().out
     assert "mode 3 (θx), frequency" in said and "coulomb-friction at θx: torque" in said
-    assert not re.search(r"(?<!\w)theta_", said)
+    assert "theta_" not in said
+    assert main(["compare", *map(str, runs(tmp_path))]) == 0
+    said = capsys.readouterr().out
+    assert "command θx, std" in said and "command θx → θx, " in said and "theta_" not in said
 
 
 def test_runs_without_excitation_say_why_there_is_no_response(
