@@ -30,6 +30,10 @@ PIECES = 8
 """Half-overlapping pieces into which a record that is fitted in time is cut for its picture."""
 
 
+WEAKEST = 1e-6
+"""Part of the strongest line's power below which the input says nothing of the response, as in a diagnosis."""
+
+
 def measured_curves(found: Identification, runs: Sequence[Run]) -> tuple[ResponseCurve, ...]:
     """Return what was measured by frequency; of records fitted in time the averaged response of the longest stretch."""
     return found.response or _averaged([(run, s) for run in runs for s in measured_segments(run) if not s.held_out])
@@ -95,7 +99,7 @@ def _averaged(parts: Sequence[tuple[Run, LogSegment]]) -> tuple[ResponseCurve, .
     # lines at which next to nothing was played carry no information
     power = np.mean(np.abs(np.fft.rfft(u[:piece] - u[:piece].mean(axis=0), axis=0)) ** 2, axis=1)
     grid = np.fft.rfftfreq(piece, 1.0 / run.sample_rate_hz)
-    excited = np.interp(measured.frequency_hz, grid, power) > 1e-4 * power.max()
+    excited = np.interp(measured.frequency_hz, grid, power) > WEAKEST * power.max()
     return tuple(_only(curve, excited) for curve in curves_of_periods(measured, inputs, outputs))
 
 
