@@ -180,10 +180,14 @@ class Canvas:
 
     def note(self, i: int, text: str, x: float, y: float, offset_pt: tuple[float, float], **style: Any) -> None:
         """Write a text beside a point of panel `i`: `x` in its units, `y` as a part of the height of its axes."""
-        place = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "parse_math": False}
+        place: dict[str, Any] = {
+            "xycoords": ("data", "axes fraction"),
+            "textcoords": "offset points",
+            "parse_math": False,
+        }
         with self._styled():
-            letters = {"fontsize": self._style["legend.fontsize"]}
-            self.axes[i].annotate(printed(text), (x, y), offset_pt, **place, **letters, **style)
+            place["fontsize"] = self._style["legend.fontsize"]
+            self.axes[i].annotate(printed(text), (x, y), offset_pt, **place, **style)
 
     def legend(self, i: int, **where: Any) -> None:
         """Show the legend of panel `i`, its letters no smaller than those of others."""

@@ -7,6 +7,7 @@ import pytest
 
 from analysis.identification.bode import bode, curves_of_run, measured_curves, save_bode
 from analysis.identification.identify import identify_runs
+from analysis.identification.response_curves import ResponseCurve
 from analysis.linear.simulate import simulate_linear
 from campaigns.log import Channel, LogWriter, read_run
 from campaigns.log.plot import require_picture
@@ -58,7 +59,7 @@ def test_segments_that_follow_each_other_are_averaged_as_one(tmp_path):
     rng = np.random.default_rng(4)
     u, y = rng.standard_normal((2, 6000))
     channels = [Channel("u", "N m", "input", "a", RATE_HZ), Channel("y", "rad", "output", "a", RATE_HZ)]
-    curves = []
+    curves: list[ResponseCurve] = []
     for cuts in ((0, 6000), (0, 2500, 6000)):
         path = tmp_path / f"{len(cuts)}.h5"
         with LogWriter.create(path, channels, test="t", bench={"kind": "imported", "name": "n"}) as writer:

@@ -11,7 +11,7 @@ def test_a_phase_that_wraps_is_drawn_at_every_frequency_and_not_across_the_pictu
     canvas = bode_canvas("T", "entry", "rad", (5.2, 4.2))
     f, phase_deg = np.arange(1.0, 6.0), np.array([170.0, 179.0, -179.0, 179.0, -170.0])
     draw_response(canvas, "curve", f, np.exp(1j * np.radians(phase_deg)))
-    x, y = canvas.axes[1].lines[0].get_data()
+    x, y = (np.asarray(part) for part in canvas.axes[1].lines[0].get_data())
     drawn = np.isfinite(y)
     assert np.array_equal(x[drawn], f) and np.allclose(y[drawn], phase_deg)
     lines = np.split(y, np.flatnonzero(~drawn))

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Rectangle
+from matplotlib.text import Text
 
 from analysis.pages.canvas import COLOURS, MARKS, MAX_POINTS, Canvas, thinned
 
@@ -175,8 +176,8 @@ def test_the_stamp_is_read_on_a_desk_wherever_a_figure_stands():
         canvas = Canvas("T", "C", size=(width, 4.0))
         canvas.line(0, "curve", [0.0, 1.0], [0.0, 1.0])
         canvas.svg("runs 16a2feb9 · seed 1 · bench sim")
-        (foot,) = canvas.figure.findobj(lambda one: one.get_gid() == "stamp")
-        assert foot.get_fontsize() * shown_px / (72.0 * width) >= 7.5
+        (foot,) = (text for text in canvas.figure.findobj(Text) if text.get_gid() == "stamp")
+        assert isinstance(foot, Text) and float(foot.get_fontsize()) * shown_px / (72.0 * width) >= 7.5
 
 
 def test_axes_have_whole_numbers_and_the_signs_of_their_degrees_of_freedom():
