@@ -15,7 +15,7 @@ _BEGIN = f'{_HEAD}<testsuites>\n  <testsuite name="mccd '
 
 
 class Case(NamedTuple):
-    """One check: its group, its name, and why it failed or was skipped; passed where both are empty."""
+    """One check: its group, which may be empty, its name, and why it failed or was skipped; else it passed."""
 
     group: str
     name: str
@@ -47,7 +47,8 @@ def write_junit(path: Path, suite: str, cases: Sequence[Case]) -> Path:
     root = ElementTree.Element("testsuites")
     inside = ElementTree.SubElement(root, "testsuite", {"name": suite, **{k: str(n) for k, n in counts.items()}})
     for case in cases:
-        names = {"classname": f"{suite}.{visible(case.group)}", "name": visible(case.name)}
+        group = f".{visible(case.group)}" if case.group else ""
+        names = {"classname": f"{suite}{group}", "name": visible(case.name)}
         element = ElementTree.SubElement(inside, "testcase", names)
         for kind, why in (("failure", case.failure), ("skipped", case.skipped)):
             if why:

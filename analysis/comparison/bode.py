@@ -37,8 +37,13 @@ class Curve:
     response: NDArray[np.complex128]
 
 
-def bode_figures(names: tuple[str, str], curves: tuple[Sequence[Curve], Sequence[Curve]]) -> tuple[Canvas, ...]:
-    """Return a figure of magnitude and phase for every entry that either has."""
+def bode_figures(
+    names: tuple[str, str], curves: tuple[Sequence[Curve], Sequence[Curve]], caption: str = "", **style: Any
+) -> tuple[Canvas, ...]:
+    """Return a figure of magnitude and phase for every entry that either has, its curves in a `style` besides STYLES.
+
+    A response is not drawn where it is NaN.
+    """
     # an entry that nothing drives has no magnitude to draw
     by_place = [{(one.output, one.input): one for one in each if np.any(one.response)} for each in curves]
     places = list(dict.fromkeys(place for each in by_place for place in each))
@@ -49,9 +54,10 @@ def bode_figures(names: tuple[str, str], curves: tuple[Sequence[Curve], Sequence
         drawn = [each.get(place) for each in by_place]
         unit = next(one.unit for one in drawn if one is not None)
         canvas = bode_canvas(f"Response {source} → {output}", f"{source} → {output}", unit, SIZE)
-        for name, style, one in zip(labels(names), STYLES, drawn, strict=True):
+        canvas.caption = caption
+        for name, own, one in zip(labels(names), STYLES, drawn, strict=True):
             if one is not None:
-                draw_response(canvas, name, one.frequency_hz, one.response, **style)
+                draw_response(canvas, name, one.frequency_hz, one.response, **own, **style)
         scale_axes(canvas)
         canvas.axes[1].set_yticks(PHASES_DEG)
         canvas.legend_outside(2)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 
 from analysis.comparison.bode import MOST_FIGURES, SIZE, STYLES, Curve, bode_figures, labels
-from analysis.comparison.table import Comparison, Part, Row, Value, beside, rows_of
+from analysis.comparison.responses import KNOWN, Entry, compared, entry_of
+from analysis.comparison.table import Comparison, Part, Row, Value, rows_of
 from analysis.identification.bode import curves_of_run
 from analysis.pages.canvas import Canvas
 from analysis.pages.formats import unit_text
@@ -20,10 +22,6 @@ from sim_backend.errors import MccdError
 from sim_backend.readings import with_gaps
 
 STATISTICS = ("mean", "std", "smallest", "largest")
-LINES = 400
-"""Frequencies at which two responses are compared, spread evenly over the logarithm of what both have measured."""
-
-
 SHOWN_S = 1.0
 """How much of two runs without a frequency response is drawn."""
 
@@ -31,15 +29,19 @@ SHOWN_S = 1.0
 def compare_runs(first: str, second: str) -> Comparison:
     """Return what differs between two logs; raises DataError for one that cannot be read."""
     with read_run(first) as one, read_run(second) as other:
-        curves, why = _responses(one, other)
+        entries, why = _responses(one, other)
+        units = _units(one, other)
+        rows, remark = compared(entries, units)
+        curves = (_drawn(entries[0], units), _drawn(entries[1], units))
         parts = (
             Part("Header", rows_of(_header(one), _header(other))),
             Part("Settings that differ", _settings(one.header.settings, other.header.settings)),
             Part("Channels", _channels(one, other)),
-            Part("Frequency response", _apart(curves, _units(one, other)), why),
+            Part("Frequency response", tuple(rows), why or remark),
         )
         moving = () if any(curves) else _over_time((first, second), (one, other))
-    figures = (*bode_figures((first, second), curves), *moving)
+    caption = f"Frequencies at which the response is known to {100.0 * KNOWN:g} %."
+    figures = (*bode_figures((first, second), curves, caption, marker="."), *moving)
     return Comparison("run", (first, second), tuple(p for p in parts if p.rows or p.remark), figures)
 
 
@@ -100,14 +102,14 @@ def _channels(one: Run, other: Run) -> tuple[Row, ...]:
     for name in dict.fromkeys(name for each in found for name in each):
         a, b = (each.get(name) for each in found)
         unit = " / ".join(dict.fromkeys(s.unit for s in (a, b) if s is not None))
-        rows += [Row(f"{name}, {what}", getattr(a, what, None), getattr(b, what, None), unit) for what in STATISTICS]
+        spoken = _spoken(one if name in one.channels else other, name)
+        rows += [Row(f"{spoken}, {what}", getattr(a, what, None), getattr(b, what, None), unit) for what in STATISTICS]
     return tuple(rows)
 
 
-def _responses(one: Run, other: Run) -> tuple[tuple[list[Curve], list[Curve]], str]:
+def _responses(one: Run, other: Run) -> tuple[tuple[list[Entry], list[Entry]], str]:
     """Return what both measured by frequency, none and the reason where one holds too little for it."""
-    curves: list[list[Curve]] = []
-    units = _units(one, other)
+    entries: list[list[Entry]] = []
     for run in (one, other):
         try:
             found = curves_of_run(run)
@@ -115,54 +117,30 @@ def _responses(one: Run, other: Run) -> tuple[tuple[list[Curve], list[Curve]], s
             return ([], []), f"None is compared: {error}"
         if not found:
             return ([], []), f"None is compared: {run.path} holds no excitation that shows one."
-        curves.append(
-            [
-                Curve(
-                    c.output,
-                    c.input,
-                    units.get((c.output, c.input), ""),
-                    c.frequency_hz,
-                    c.magnitude * np.exp(1j * c.phase_rad),
-                )
-                for c in found
-            ]
+        entries.append(
+            [entry_of(replace(c, output=_spoken(run, c.output), input=_spoken(run, c.input))) for c in found]
         )
-    return (curves[0], curves[1]), ""
+    return (entries[0], entries[1]), ""
+
+
+def _drawn(entries: Sequence[Entry], units: Mapping[tuple[str, str], str]) -> list[Curve]:
+    return [
+        Curve(*entry.place, units.get(entry.place, ""), entry.curve.frequency_hz, entry.response)
+        for entry in entries
+        if entry.known.any()
+    ]
+
+
+def _spoken(run: Run, name: str) -> str:
+    """Return the name of a channel with its axis apart, so that it is printed as one: command theta_x."""
+    axis = run.channels[name].dof
+    return f"{name.removesuffix(f'_{axis}')} {axis}" if axis and name.endswith(f"_{axis}") else name
 
 
 def _units(*runs: Run) -> dict[tuple[str, str], str]:
     return {
-        (o, i): f"{run.channels[o].unit} per {run.channels[i].unit}"
+        (_spoken(run, o), _spoken(run, i)): f"{run.channels[o].unit} per {run.channels[i].unit}"
         for run in runs
         for o in run.names("output")
         for i in run.names("input")
     }
-
-
-def _apart(curves: tuple[list[Curve], list[Curve]], units: Mapping[tuple[str, str], str]) -> tuple[Row, ...]:
-    """Return, for every entry that both measured, the median magnitudes over the range that is common."""
-    second = {(c.output, c.input): c for c in curves[1]}
-    rows = []
-    for a in curves[0]:
-        b = second.get((a.output, a.input))
-        if b is None or not (np.any(a.response) or np.any(b.response)):
-            continue  # what nothing drives tells nothing
-        low, high = (pick(a.frequency_hz, b.frequency_hz) for pick in (_low, _high))
-        if not 0.0 < low < high < np.inf:
-            continue
-        f = np.geomspace(low, high, LINES)
-        sizes = [np.interp(f, c.frequency_hz, np.abs(c.response)) for c in (a, b)]
-        what = f"{a.input} → {a.output}, {low:.3g} to {high:.3g} Hz"
-        medians = [float(np.median(size)) for size in sizes]
-        rows.append(beside(f"{what}, median magnitude", medians, units.get((a.output, a.input), "")))
-        peaks = [float(f[np.argmax(size)]) for size in sizes]
-        rows.append(beside(f"{what}, largest at", peaks, "Hz"))
-    return tuple(rows)
-
-
-def _low(first: np.ndarray, second: np.ndarray) -> float:
-    return float(max(first[first > 0.0].min(initial=np.inf), second[second > 0.0].min(initial=np.inf)))
-
-
-def _high(first: np.ndarray, second: np.ndarray) -> float:
-    return float(min(first.max(initial=0.0), second.max(initial=0.0)))

@@ -50,6 +50,11 @@ class Row:
             return self.first != self.second and not (_is_nan(self.first) and _is_nan(self.second))
         return abs(self.difference) > SAME * max(abs(float(self.first or 0.0)), abs(float(self.second or 0.0)))
 
+    @property
+    def marked(self) -> bool:
+        """Whether the values differ, by more than two standard deviations where these are known."""
+        return self.differs and (self.sigmas is None or self.sigmas > 2.0)
+
     def texts(self) -> tuple[str, str, str, str, str]:
         """Return what people read: the value, both numbers, their difference and the unit."""
         change = self.difference
@@ -125,7 +130,7 @@ def _text(value: Value, std: float | None) -> str:
     if not math.isfinite(value):
         return "NaN" if _is_nan(value) else f"{'-' if value < 0 else ''}∞"
     told = shown(float(value), None, std) if not isinstance(value, int) else str(value)
-    return f"{told} ± {shown(std)}" if std is not None and math.isfinite(std) and std > 0.0 else told
+    return f"{told} ± {readable(std, 2)}" if std is not None and math.isfinite(std) and std > 0.0 else told
 
 
 def _is_nan(value: Value) -> bool:

@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 STRETCH_S = 2.0
 """Length of the stretches that are averaged: lines of 0.5 Hz separate the modes."""
 
+STRETCHES = 4
+"""Fewest stretches in a record: the average of fewer says too little of the spectrum."""
+
 LOWEST_HZ = 1.0
 RINGING = 0.1
 """Lines nearer than this part to a mode's frequency are left out: hysteresis shifts a mode at small amplitude, and a
@@ -53,7 +56,12 @@ def measure_noise(reading_rad: ArrayLike, plant: ModalModel, rate_hz: float) -> 
     """
     rate = positive("noise: the sample rate", rate_hz)
     stretch = round(STRETCH_S * rate)
-    y = finite("noise at rest", reading_rad, 1, least=4 * stretch)
+    y = finite("noise at rest", reading_rad, 1, least=0)
+    if y.size < STRETCHES * stretch:
+        raise DataError(
+            f"noise at rest: the record lasts {y.size / rate:.3g} s, and a design needs {STRETCHES * STRETCH_S:g} s or "
+            f"more of the bench at rest: record the plan 'rest' again with duration_s={STRETCHES * STRETCH_S:g} or more"
+        )
     f, measured = scipy.signal.welch(y - y.mean(), rate, nperseg=stretch)
     modes_hz = plant.omega_rad_s / (2.0 * np.pi)
     ringing = np.any(np.abs(f[:, None] - modes_hz) < RINGING * modes_hz, axis=1)

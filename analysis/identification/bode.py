@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -30,13 +30,17 @@ PIECES = 8
 """Half-overlapping pieces into which a record that is fitted in time is cut for its picture."""
 
 
+WEAKEST = 1e-6
+"""Part of the strongest line's power below which the input says nothing of the response, as in a diagnosis."""
+
+
 def measured_curves(found: Identification, runs: Sequence[Run]) -> tuple[ResponseCurve, ...]:
-    """Return what was measured by frequency; of records fitted in time the averaged response of the longest segment."""
+    """Return what was measured by frequency; of records fitted in time the averaged response of the longest stretch."""
     return found.response or _averaged([(run, s) for run in runs for s in measured_segments(run) if not s.held_out])
 
 
 def curves_of_run(run: Run) -> tuple[ResponseCurve, ...]:
-    """Return what one run measured by frequency: its sines, its periods, or the average of its longest segment.
+    """Return what one run measured by frequency: its sines, its periods, or the average of its longest stretch.
 
     Empty where it holds no excitation; raises DataError as reading it does.
     """
@@ -54,19 +58,40 @@ def curves_of_run(run: Run) -> tuple[ResponseCurve, ...]:
     return _averaged(parts)
 
 
+class _Stretch(NamedTuple):
+    """Segments of a run with no sample between them; `period` is the number of samples of one, 0 without."""
+
+    run: Run
+    start: int
+    stop: int
+    period: int
+
+
+def _stretches(parts: Sequence[tuple[Run, LogSegment]]) -> list[_Stretch]:
+    """Return the segments, joined where one follows the other and neither repeats itself: fewer ends leak less."""
+    found: list[_Stretch] = []
+    for run, segment in parts:
+        one = _Stretch(run, segment.start, segment.stop, int(segment.settings.get("period_samples", 0)))
+        before = found[-1] if found else None
+        if before is not None and before.run is run and before.stop == one.start and not (before.period or one.period):
+            found[-1] = before._replace(stop=one.stop)
+        else:
+            found.append(one)
+    return found
+
+
 def _averaged(parts: Sequence[tuple[Run, LogSegment]]) -> tuple[ResponseCurve, ...]:
-    run, segment = max(parts, key=lambda pair: pair[1].rows)
-    read = {
-        name: run.read(name, segment.start, segment.stop) for role in ("input", "output") for name in run.names(role)
-    }
+    run, start, stop, period = max(_stretches(parts), key=lambda one: one.stop - one.start)
+    rows = stop - start
+    read = {name: run.read(name, start, stop) for role in ("input", "output") for name in run.names(role)}
     inputs = tuple(name for name in run.names("input") if np.ptp(read[name]) > 0.0)  # one at rest shows nothing
     outputs = run.names("output")
     if not inputs:
         return ()
     u, y = (np.stack([read[name] for name in names], axis=1) for names in (inputs, outputs))
-    period = int(segment.settings.get("period_samples", 0)) or 1
-    piece = 2 * segment.rows // (PIECES * len(inputs) + 1)
-    piece = max(piece // period, 1) * period if 2 * period <= segment.rows else piece  # whole periods do not leak
+    period = period or 1
+    piece = 2 * rows // (PIECES * len(inputs) + 1)
+    piece = max(piece // period, 1) * period if 2 * period <= rows else piece  # whole periods do not leak
     try:
         measured = frequency_response_welch(u - u.mean(axis=0), y - y.mean(axis=0), run.sample_rate_hz, piece)
     except DataError:
@@ -74,7 +99,7 @@ def _averaged(parts: Sequence[tuple[Run, LogSegment]]) -> tuple[ResponseCurve, .
     # lines at which next to nothing was played carry no information
     power = np.mean(np.abs(np.fft.rfft(u[:piece] - u[:piece].mean(axis=0), axis=0)) ** 2, axis=1)
     grid = np.fft.rfftfreq(piece, 1.0 / run.sample_rate_hz)
-    excited = np.interp(measured.frequency_hz, grid, power) > 1e-4 * power.max()
+    excited = np.interp(measured.frequency_hz, grid, power) > WEAKEST * power.max()
     return tuple(_only(curve, excited) for curve in curves_of_periods(measured, inputs, outputs))
 
 

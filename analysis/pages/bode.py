@@ -31,9 +31,9 @@ def per(over: str, under: str) -> str:
 def draw_response(canvas: Canvas, name: str, f: Array, response: NDArray[np.complex128], **style: Any) -> None:
     """Draw a response (n,) at frequencies (n,) in Hz; its phase is not drawn across the picture where it wraps."""
     phase_deg = np.degrees(np.angle(response))
-    phase_deg[1:][np.abs(np.diff(phase_deg)) > 180.0] = np.nan
+    wraps = np.flatnonzero(np.abs(np.diff(phase_deg)) > 180.0) + 1
     canvas.line(0, name, f, np.abs(response), **style)
-    canvas.line(1, name, f, phase_deg, **style)
+    canvas.line(1, name, np.insert(f, wraps, f[wraps]), np.insert(phase_deg, wraps, np.nan), **style)
 
 
 def scale_axes(canvas: Canvas) -> None:

@@ -51,8 +51,14 @@ LEGIBLE_IN = 5.0
 _OF_CELL, _LETTER_EM = 0.8, 0.62
 """Part of its cell in the grid that is left to a panel's axes; mean width of a letter in units of its size."""
 
-_STAMP_PT, _HANDLE_EM = 6.0, 4.2
-"""Size of the letters at the foot of a figure; room that a legend's entry takes beside its letters, of their size."""
+LEAST_PT = 7.6
+"""Smallest letters of a figure of LEGIBLE_IN: 7.5 pixels on a telephone, which are 2 mm."""
+
+_STAMP_IN = 5.6
+"""As LEGIBLE_IN for the letters at the foot of a figure, which only a desk shows, at least 57 pixels to the inch."""
+
+_HANDLE_EM = 4.2
+"""Room that a legend's entry takes beside its letters, in units of their size."""
 
 MOST_LAYOUTS = 8
 """How often a figure is laid out at most; axes of a fixed shape take three times."""
@@ -172,6 +178,17 @@ class Canvas:
             )
             top.set_xlabel(label, parse_math=False)
 
+    def note(self, i: int, text: str, x: float, y: float, offset_pt: tuple[float, float], **style: Any) -> None:
+        """Write a text beside a point of panel `i`: `x` in its units, `y` as a part of the height of its axes."""
+        place: dict[str, Any] = {
+            "xycoords": ("data", "axes fraction"),
+            "textcoords": "offset points",
+            "parse_math": False,
+        }
+        with self._styled():
+            place["fontsize"] = self._style["legend.fontsize"]
+            self.axes[i].annotate(printed(text), (x, y), offset_pt, **place, **style)
+
     def legend(self, i: int, **where: Any) -> None:
         """Show the legend of panel `i`, its letters no smaller than those of others."""
         if "fontsize" in where:
@@ -220,10 +237,12 @@ class Canvas:
         with self._styled():
             for axes in self.axes:
                 _plain_ticks(axes)
+            self._legible()
             if stamp:
-                most = int(72.0 * self.size[0] / (_LETTER_EM * _STAMP_PT))
+                letters_pt = LEAST_PT * max(1.0, self.size[0] / _STAMP_IN)
+                most = int(72.0 * self.size[0] / (_LETTER_EM * letters_pt))
                 stamp = "\n".join(textwrap.wrap(stamp, most, break_long_words=False))
-                at_foot = {"x": 0.005, "ha": "left", "fontsize": _STAMP_PT, "color": QUIET}
+                at_foot = {"x": 0.005, "ha": "left", "fontsize": letters_pt, "color": QUIET}
                 self.figure.supxlabel(stamp, parse_math=False, gid="stamp", **at_foot)
             drawn = FigureCanvasSVG(self.figure)
             if any(axes.get_aspect() != "auto" for axes in self.axes):
@@ -231,6 +250,14 @@ class Canvas:
             # `savefig` gives the same text, but draws a figure twice that is laid out by its contents
             drawn.print_svg(buffer, metadata={"Date": None, "Creator": "mccd"})
         return buffer.getvalue().decode("utf-8")
+
+    def _legible(self) -> None:
+        """Enlarge what was written past the methods of a canvas in letters that are too small on a telephone."""
+        from matplotlib.text import Text
+
+        least_pt = LEAST_PT * max(1.0, self.size[0] / LEGIBLE_IN)
+        for text in self.figure.findobj(Text):
+            text.set_fontsize(max(text.get_fontsize(), least_pt))
 
     def _settle(self) -> None:
         """Lay out axes of a fixed shape until they agree with their cells: else labels lie over what is below them."""

@@ -39,5 +39,4 @@ def figure_6_16(measured: Measured) -> Canvas | None:
                 i, "mean", test.time_s[position], offset[position, :, axis], color=OURS, markersize=1.4, mew=0
             )
             canvas.band(i, -BAND_RAD * 1e6, BAND_RAD * 1e6, "±1.7 µrad")
-            canvas.axes[i].title.set_fontsize(8)
     return canvas

@@ -40,17 +40,7 @@ def figure_6_5(measured: Measured) -> Canvas | None:
         axes.axvline(hz, ymin=0.97, ymax=1.0, color=PAPER, linewidth=1.4)
         # the pair is close: one label to the left of it, one to the right
         side, gap = ("right", -3) if key == "measured 2" else ("left", 3)
-        axes.annotate(
-            f"{hz:.1f} Hz",
-            (hz, 1.0),
-            (gap, -8),
-            xycoords=("data", "axes fraction"),
-            textcoords="offset points",
-            ha=side,
-            va="top",
-            fontsize=7,
-            color=PAPER,
-        )
+        canvas.note(0, f"{hz:.1f} Hz", hz, 1.0, (gap, -8), ha=side, va="top", color=PAPER)
     axes.set_xticks(TICKS_HZ, [f"{hz:g}" for hz in TICKS_HZ])
     axes.set_xticks([], minor=True)
     canvas.legend(0, loc="lower left")

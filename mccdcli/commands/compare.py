@@ -53,11 +53,13 @@ def compare(first: str, second: str, out: Path | None, as_json: bool) -> None:
 
 
 def _text(found: Comparison, page: Path | None) -> str:
+    from analysis.pages.formats import printed  # as the page prints it
+
     parts = []
     for part in found.parts:
-        rows = [tuple(map(_short, row.texts())) for row in part.rows]
+        rows = [tuple(_short(printed(text)) for text in row.texts()) for row in part.rows]
         shown = [table(rows, heads=(part.title, "A", "B", "difference", "unit"))] if rows else [part.title]
-        parts.append("\n".join([*shown, *([part.remark] if part.remark else [])]))
+        parts.append("\n".join([*shown, *([printed(part.remark)] if part.remark else [])]))
     parts.append(f"A: {found.names[0]}\nB: {found.names[1]}" + ("" if page is None else f"\npage: {page}"))
     return "\n\n".join(parts)
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import click
 from click.core import ParameterSource
@@ -15,6 +16,11 @@ from mccdcli.options import common_options
 from mccdcli.output import emit, plain, table
 from mccdcli.settings import FOR_ALL, PREFIX, Settings, options_of, places, same
 from sim_backend.errors import ConfigError
+
+_NONE: Final = "none"
+
+_WORKED_OUT: Final = re.compile(r"\[default: (.+)\]$")
+"""How the help of an option ends whose default only the command itself can work out."""
 
 
 @click.command(context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False})
@@ -107,9 +113,11 @@ def _described(
         keys = (key for key in settings.origins if key[:-1] in (path, (FOR_ALL,)) and same(key[-1], name))
         origin, where = "file", str(settings.origins[max(keys, key=lambda key: key[:-1] == path)])
     value = inner.params.get(option.name)
+    typed = _typed(option, text if origin != "default" or value is not None else None, value)
+    said = _WORKED_OUT.search(option.help or "") if origin == "default" and typed == _NONE else None
     return {
         "value": plain(value if option.expose_value or origin == "default" else text),
-        "typed": _typed(option, text if origin != "default" or value is not None else None, value),
+        "typed": said[1] if said else typed,
         "origin": origin,
         "where": where,
         "variable": option.envvar,
@@ -124,7 +132,7 @@ def _typed(option: click.Option, text: Any, value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     words = [shlex.quote(str(one)) for one in (text if isinstance(text, list | tuple) else [text])]
-    return f" {option.opts[0]} ".join(words) if text not in (None, "") and value not in ((), {}) else "none"
+    return f" {option.opts[0]} ".join(words) if text not in (None, "") and value not in ((), {}) else _NONE
 
 
 def _text(result: dict[str, Any], typed: dict[tuple[str, str], str]) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from click.core import ParameterSource
 
 from mccdcli.junit import Case, prepare_junit, write_junit
 from mccdcli.options import BenchAddress, NewPath, Percent, Real, WholeRange, common_options
@@ -69,7 +70,9 @@ POSSIBLE: Final = ("consistent", "named", "ambiguous", "unknown")
 @click.option(
     "--expect",
     type=click.Choice(POSSIBLE),
-    help="Verdict that gives exit code 0; any other gives 1 and says why.  [default: consistent]",
+    default="consistent",
+    show_default=True,
+    help="Verdict that gives exit code 0; any other gives 1, and says why where this is given.",
 )
 @click.option(
     "--junit",
@@ -93,7 +96,7 @@ def diagnose(
     bench: str | None,
     page: bool,
     pdf: bool,
-    expect: str | None,
+    expect: str,
     junit: Path | None,
 ) -> int:
     """Compare logs with a model: is it right, what is it missing, how sure is that, and what does adding it gain?
@@ -186,12 +189,12 @@ def _page(
     return write_page(found, model, sources, folder, chops)
 
 
-def _concluded(found: dict[str, Any], nominal: str, expect: str | None, junit: Path | None) -> int:
-    """Hold the verdict against the one that is expected; say why and return 1 where it is another."""
-    wanted = expect or "consistent"
+def _concluded(found: dict[str, Any], nominal: str, wanted: str, junit: Path | None) -> int:
+    """Hold the verdict against the one that is expected; return 1 where it is another, and say why if one was given."""
     met = found["verdict"] == wanted
     why = "" if met else f"the verdict on {nominal} is {found['verdict']}, not {wanted}. {found['sentence']}"
-    if expect and not met:
+    source = click.get_current_context().get_parameter_source("expect")
+    if not met and source is not ParameterSource.DEFAULT:
         say(f"mccd: check: {why}")
     if junit is not None:
         name = f"{wanted} with {', '.join(Path(one['file']).name for one in found['inputs'])}"

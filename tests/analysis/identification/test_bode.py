@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.identification.bode import bode, measured_curves, save_bode
+from analysis.identification.bode import bode, curves_of_run, measured_curves, save_bode
 from analysis.identification.identify import identify_runs
+from analysis.identification.response_curves import ResponseCurve
 from analysis.linear.simulate import simulate_linear
 from campaigns.log import Channel, LogWriter, read_run
 from campaigns.log.plot import require_picture
@@ -52,3 +53,21 @@ def test_dots_lie_on_the_line_where_the_model_is_right(log, tmp_path):
     drawn = np.interp(curve.frequency_hz[away], frequency, magnitude)
     assert np.median(np.abs(drawn / curve.magnitude[away] - 1.0)) < 0.1
     assert size.get_ylabel() == "magnitude (rad per N m)" and phase.get_ylabel() == "phase (°)"
+
+
+def test_segments_that_follow_each_other_are_averaged_as_one(tmp_path):
+    rng = np.random.default_rng(4)
+    u, y = rng.standard_normal((2, 6000))
+    channels = [Channel("u", "N m", "input", "a", RATE_HZ), Channel("y", "rad", "output", "a", RATE_HZ)]
+    curves: list[ResponseCurve] = []
+    for cuts in ((0, 6000), (0, 2500, 6000)):
+        path = tmp_path / f"{len(cuts)}.h5"
+        with LogWriter.create(path, channels, test="t", bench={"kind": "imported", "name": "n"}) as writer:
+            for start, stop in zip(cuts[:-1], cuts[1:], strict=True):
+                with writer.segment(f"from {start}", {}):
+                    writer.append({"u": u[start:stop], "y": y[start:stop]})
+        with read_run(path) as run:
+            curves += curves_of_run(run)
+    whole, cut = curves
+    # pieces of 6000 samples, not of the 3500 of the longer segment: lines nearer to each other
+    assert np.array_equal(whole.frequency_hz, cut.frequency_hz) and np.array_equal(whole.magnitude, cut.magnitude)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Rectangle
+from matplotlib.text import Text
 
 from analysis.pages.canvas import COLOURS, MARKS, MAX_POINTS, Canvas, thinned
 
@@ -157,9 +158,26 @@ def test_letters_of_a_wide_figure_are_read_at_the_width_of_a_telephone():
         canvas.panel(0, "p", "x", "y")
         canvas.line(0, "curve", [0.0, 1.0], [0.0, 1.0])
         canvas.legend(0, fontsize=4)
-        sizes = [float(size) for size in re.findall(r"font-size: ([\d.]+)px", canvas.svg())]
+        # past the methods of the canvas, as well
+        canvas.axes[0].annotate("a note", (0.5, 0.5), fontsize=4)
+        canvas.axes[0].text(0.2, 0.5, "a text", fontsize=4)
+        canvas.note(0, "theta_x", 0.5, 1.0, (3.0, -8.0))
+        canvas.figure.text(0.5, 0.5, "in the middle", fontsize=4)
+        text = canvas.svg()
+        assert all(f">{word}</text>" in text for word in ("a note", "a text", "θx", "in the middle"))
+        sizes = [float(size) for size in re.findall(r"font-size: ([\d.]+)px", text)]
         # 358 CSS pixels of 390; the view box is in points
-        assert len(sizes) > 5 and min(sizes) * 358.0 / (72.0 * width) >= 7.5
+        assert len(sizes) > 9 and min(sizes) * 358.0 / (72.0 * width) >= 7.5
+
+
+def test_the_stamp_is_read_on_a_desk_wherever_a_figure_stands():
+    # figures of a diagnosis are three beside each other, 325 pixels each; the opening one of a report stands in 413
+    for width, shown_px in ((4.4, 325.0), (7.2, 413.0)):
+        canvas = Canvas("T", "C", size=(width, 4.0))
+        canvas.line(0, "curve", [0.0, 1.0], [0.0, 1.0])
+        canvas.svg("runs 16a2feb9 · seed 1 · bench sim")
+        (foot,) = (text for text in canvas.figure.findobj(Text) if text.get_gid() == "stamp")
+        assert isinstance(foot, Text) and float(foot.get_fontsize()) * shown_px / (72.0 * width) >= 7.5
 
 
 def test_axes_have_whole_numbers_and_the_signs_of_their_degrees_of_freedom():

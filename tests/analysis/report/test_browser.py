@@ -69,6 +69,7 @@ def settled() -> FigurePart:
         canvas.panel(i, "θx", "time (ms)", "error (µrad)")
         canvas.line(i, "hybrid: 5.6 ms", np.arange(60.0), np.exp(-np.arange(60.0) / 9.0))
         canvas.legend(i)
+        canvas.note(i, "29.6 Hz", 30.0, 1.0, (3.0, -8.0))
     return FigurePart("6.15", "Settling", "How it settles.", canvas.svg("stamp"), Path("f.svg"), (), canvas.numbers())
 
 
@@ -145,6 +146,11 @@ def test_the_verdict_and_the_settling_picture_are_on_the_first_screen(browser, p
     assert browser.run("document.querySelectorAll('[id=\"figure-6.15\"]').length") == 1
     browser.open(page, width=390, height=844, prefers_color_scheme=scheme)
     assert browser.run(place.format("#verdict .lead"))[1] < 844
+
+
+@pytest.mark.parametrize("width", [1400, 1000, 768, 390])
+def test_every_text_of_every_figure_is_large_enough_to_be_read(browser, page, width):
+    browser.open(page, width=width)
     # 7.5 CSS pixels are 2 mm on a telephone
     assert headless.small_print(browser) >= 7.5
 

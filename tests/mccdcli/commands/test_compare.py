@@ -21,9 +21,16 @@ from mccdcli.main import main
 from sim_backend.model import EffectEntry, Mode, Quantity, dump_model
 from sim_backend.simbench import SimBench
 from tests import headless
-from tests.small_bench import bench_model
+from tests.small_bench import NOISE, bench_model
 
-MULTISINE = {"axes": ["theta_x"], "realisations": 1, "period_s": 0.2, "start_hz": 10.0, "stop_hz": 200.0}
+MULTISINE = {
+    "axes": ["theta_x"],
+    "realisations": 1,
+    "period_s": 0.2,
+    "transient_periods": 10,  # before that a mode still rings, and how large its response is is not known
+    "start_hz": 10.0,
+    "stop_hz": 200.0,
+}
 
 
 def compared(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, dict[str, dict[str, Any]]]:
@@ -114,6 +121,66 @@ def test_runs_show_headers_statistics_and_responses(tmp_path: Path, capsys: pyte
     assert peaks["first"] == pytest.approx(29.6, abs=5.0)
     assert peaks["second"] == pytest.approx(29.6 / math.sqrt(2.0), abs=5.0)
     assert peaks["second"] < peaks["first"]
+
+
+def driven(
+    folder: Path, plan: str, settings: dict[str, Any], seeds: tuple[int, int], stiffer: float = 1.0
+) -> list[Path]:
+    """Two records of one bench with sensor noise, the same excitation; θx of the second is `stiffer`."""
+    paths = []
+    for seed, factor in zip(seeds, (1.0, stiffer), strict=True):
+        bench = bench_model(NOISE)
+        x, *others = bench.modes
+        x = msgspec.structs.replace(x, frequency_hz=29.6 * math.sqrt(factor))
+        paths.append(folder / f"seed-{seed}.h5")
+        model = msgspec.structs.replace(bench, modes=[x, *others])
+        run_plan(make_plan(plan, settings), SimBench(model, seed), paths[-1], seed=seed)
+    return paths
+
+
+RANDOM = {"axes": ["theta_x"], "steps_s": 1, "noise_s": 4, "held_out_s": 0.5}
+
+
+def test_two_records_of_one_bench_agree_within_noise_and_what_nothing_drives_is_no_response(tmp_path, capsys):
+    both = driven(tmp_path, "freerun", RANDOM, (0, 1))
+    page = tmp_path / "page.html"
+    assert main(["compare", *map(str, both), "--json", "--out", str(page)]) == 0
+    parts = {part["title"]: part for part in json.loads(capsys.readouterr().out)["parts"]}
+    (mean,) = (row for row in parts["Frequency response"]["rows"] if "mean magnitude" in row["what"])
+    assert abs(mean["difference"]) < 0.01 * mean["first"] and mean["sigmas"] < 3.0
+    remark = parts["Frequency response"]["remark"]
+    assert "theta_x: A and B agree within noise at" in remark and "known less well" in remark
+    assert "Left out" in remark and "theta_y" in remark and "→ z" in remark
+    assert all("→ theta_x" in row["what"] or "largest" in row["what"] for row in parts["Frequency response"]["rows"])
+    drawn = re.findall(r"<figcaption><b>(.*?)</b>", page.read_text(encoding="utf-8"))
+    assert drawn == ["Response command θx → θx."]
+
+
+def test_a_bench_that_has_changed_differs_by_more_than_noise(tmp_path, capsys):
+    both = driven(tmp_path, "freerun", RANDOM, (0, 1), stiffer=1.1)
+    assert main(["compare", *map(str, both)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    # a tenth more stiffness is a tenth less motion below the resonance
+    assert "θx: A and B differ by more than noise" in said and "agree within noise" not in said
+
+
+def test_responses_of_two_periods_agree_for_every_seed(tmp_path, capsys):
+    # one degree of freedom in each variance: of 160 lines some are far too small by chance
+    settings = {"realisations": 1, "period_s": 0.4, "start_hz": 10.0, "stop_hz": 400.0}
+    for seed in range(0, 10, 2):
+        assert main(["compare", *map(str, driven(tmp_path, "multisine", settings, (seed, seed + 1)))]) == 0
+        said = capsys.readouterr().out
+        assert said.count("agree within noise") >= 3 and "more than noise" not in said, seed
+
+
+def test_the_terminal_prints_axes_as_the_page_does(tmp_path, capsys):
+    assert main(["compare", *map(str, models(tmp_path))]) == 0
+    said = capsys.readouterr().out
+    assert "mode 3 (θx), frequency" in said and "coulomb-friction at θx: torque" in said
+    assert "theta_" not in said
+    assert main(["compare", *map(str, runs(tmp_path))]) == 0
+    said = capsys.readouterr().out
+    assert "command θx, std" in said and "command θx → θx, " in said and "theta_" not in said
 
 
 def test_runs_without_excitation_say_why_there_is_no_response(

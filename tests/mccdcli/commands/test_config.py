@@ -265,6 +265,24 @@ def test_the_default_of_a_flag_is_shown_as_a_file_holds_it(capsys):
     assert row(capsys, "chop", "set") == row(capsys, "chop", "note") == ("none", "default")
 
 
+def test_the_default_that_is_shown_is_that_of_the_help(capsys):
+    for path in cli.paths():
+        command: click.Command = cli
+        named = " ".join(path)
+        for word in path:
+            assert isinstance(command, click.Group)
+            below = command.get_command(click.Context(command), word)
+            assert below is not None
+            command = below
+        context = click.Context(command)
+        for name, option in options_of(command):
+            helped = re.search(r"\[default: ([^];]+)", (option.get_help_record(context) or ("",))[-1])
+            if helped and not option.is_flag:
+                assert row(capsys, named, name) == (helped[1], "default"), f"{named} --{name}"
+    assert row(capsys, "diagnose", "expect") == ("consistent", "default")
+    assert shown(capsys, "diagnose")["diagnose"]["expect"]["value"] == "consistent"
+
+
 def test_a_note_is_in_the_json_too(capsys):
     assert shown(capsys, "chop", "--note", "after the repair")["chop"]["note"]["value"] == "after the repair"
 

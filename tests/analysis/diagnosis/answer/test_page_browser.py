@@ -143,6 +143,8 @@ def test_it_loads_without_errors_and_asks_for_nothing_but_itself(browser, pages,
         if folded:
             browser.run("document.querySelectorAll('details').forEach(d => { d.open = true; })")
     assert browser.run("[...document.querySelectorAll('.canvas')].every(c => c.querySelector('path, rect'))")
+    # 7.5 CSS pixels are 2 mm on a telephone
+    assert headless.small_print(browser) >= 7.5
 
 
 def test_links_in_the_folder_are_not_followed(pages, tmp_path):
@@ -220,8 +222,6 @@ def test_it_opens_with_measured_and_simulated_and_how_sure_the_answer_is(browser
     assert any("backlash" in one for one in reasons) and any(EVIL in one for one in reasons)
     browser.open(pages["named"], width=390, height=844, prefers_color_scheme=scheme)
     assert browser.run(place.format("#measured-and-simulated svg"))[1] < 844
-    # 7.5 CSS pixels are 2 mm on a telephone
-    assert headless.small_print(browser) >= 7.5
 
 
 @needs_browser
