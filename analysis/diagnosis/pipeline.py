@@ -11,20 +11,19 @@ import numpy as np
 from analysis.diagnosis.answer.sentence import reservation, sentence
 from analysis.diagnosis.candidates.signature import Scales
 from analysis.diagnosis.dominant import dominant_cause, judge_dominant, large_discrepancy, remainder, still_large
-from analysis.diagnosis.evidence.as_given import error_as_given
+from analysis.diagnosis.evidence.as_given import error_as_given, left_as_given
 from analysis.diagnosis.evidence.confirmed import confirmed
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import gain_of
 from analysis.diagnosis.evidence.tuning_errors import tuning_errors
 from analysis.diagnosis.experiment.next_experiment import choose
 from analysis.diagnosis.experiment.reference_sensor import ReferenceRun, weigh_references
-from analysis.diagnosis.fitting.balance import left_however_tuned, plainly_better, tune, tuned_beside
+from analysis.diagnosis.fitting.balance import left_however_tuned, plainly_better, tune_in_steps, tuned_beside
 from analysis.diagnosis.fitting.discrepancy import discrepancy_of
 from analysis.diagnosis.fitting.fit import Fit, Setting, left_by, linear_of, residuals_on, steps_of
 from analysis.diagnosis.fitting.starts import starts_of, without_starts, zeros_left
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Bands, Whitener, louder
-from analysis.diagnosis.nominal.responses import played, simulate
 from analysis.diagnosis.nominal.tuning import deviations, nuisances_of, own_nuisances_of, turned
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.records.own_runs import fitted_delays, fitted_to, with_free_zeros
@@ -111,11 +110,6 @@ def search_causes(
     runs = [record.name for record in data.records]
     own = fitted_to(model, runs)
     nuisances = own_nuisances_of(linear, fitted_delays(model, runs)) if own else nuisances_of(linear, options.tolerance)
-    discrete = played(linear, data.rate_hz)
-    residuals = [r.left_by(simulate(discrete, r.u)) for r in data.records]
-    rest = without_starts(data, linear, whitener_from(data, residuals), residuals)
-    whitener = louder(whitener_from(data, list(rest)), added)
-    starts = starts_of(data, linear, whitener)
     still = tuple(np.zeros((linear.n_blocks, 2)) for _ in data.records)
     fine = max(options.substeps, steps_of(linear, data.rate_hz))
     # effects that the model has already are there to stay: coarse steps would make an error of them
@@ -123,6 +117,10 @@ def search_causes(
     transducers = transducers_of(model)
     numbers = sum(record.y.size for record in data.records)
     workers = options.workers if numbers > _SIDE_BY_SIDE else 1
+    residuals = [left_as_given(model, record, data.rate_hz) for record in data.records]
+    rest = without_starts(data, linear, whitener_from(data, residuals), residuals)
+    whitener = louder(whitener_from(data, list(rest)), added)
+    starts = starts_of(data, linear, whitener)
     setting = Setting(
         data, linear, known, places, transducers, nuisances, whitener, starts, still, first, workers, added
     )
@@ -135,7 +133,8 @@ def search_causes(
         if still_large(found) or judge_dominant(found).verdict == "named":
             return found
     progress("tuning the nominal model", 0.0)
-    setting, tuned = tune(setting)
+    setting, tuned = tune_in_steps(setting)
+    first, rules = setting.substeps, replace(rules, refined=setting.substeps >= first)
     without_noise = partial(_without_band, searched)
     found = search(setting, tuned, rules, scales, progress, without_noise=without_noise)
     for _ in range(_MOST_SEARCHES):
@@ -309,7 +308,7 @@ def _answer(found: Found, data: Dataset, tuned: Fit, best: Fit, model: Model, se
     gain = gain_of(data, before, after, noise, first, last, names, seed, errors)
     if gain is not None:
         moving = [one.output for one in gain.outputs]
-        gain = replace(gain, rms_given=error_as_given(data, model.linear(), names, moving))
+        gain = replace(gain, rms_given=error_as_given(data, model, moving))
     return _Answer(before, after, remaining, gain)
 
 

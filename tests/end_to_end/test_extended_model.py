@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -95,6 +96,29 @@ def test_the_extended_model_is_simulated_and_judged_again(home: Path, tmp_path: 
     again = ("diagnose", str(home / "run.h5"), "--model", extended, "--nominal-tolerance", "0.1%")
     done = mccd(*again, "-o", str(tmp_path / "out"))
     assert done.returncode == 0, done.stdout  # consistent: nothing is left to find
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", (0, pytest.param(1, marks=pytest.mark.thorough)))
+def test_the_true_model_of_a_nonlinear_bench_is_consistent_and_one_without_its_friction_is_not(
+    tmp_path: Path, seed: int
+) -> None:
+    """The simulated bench takes steps of a sample; in finer ones its own stiffness is 15 standard deviations off."""
+    mystery = ROOT / "docs" / "examples" / "mystery.toml"
+    true = load_model(mystery)
+    friction = EffectEntry(
+        effect="coulomb-friction", where="theta_x", parameters={"torque": 1e-4, "breakaway_rate": 1e-2}
+    )
+    rubbing = tmp_path / "rubbing.toml"
+    rubbing.write_text(dump_model(msgspec.structs.replace(true, effects=[*true.effects, friction])), encoding="utf-8")
+    for bench, verdict in ((mystery, "consistent"), (rubbing, "named")):
+        run = str(tmp_path / f"{verdict}.h5")
+        played = ("simulate", "--model", str(bench), "--plan", "freerun", "--set", "axes=['theta_x']")
+        shorter = ("--set", "steps_s=1", "--set", "noise_s=1", "--set", "held_out_s=0.5", "--seed", str(seed))
+        assert mccd(*played, *shorter, "-o", run).returncode == 0
+        judged = ("diagnose", run, "--model", str(mystery), "--expect", verdict, "--no-page")
+        done = mccd(*judged, "-o", str(tmp_path / verdict))
+        assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.slow

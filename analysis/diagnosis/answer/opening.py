@@ -14,7 +14,7 @@ from analysis.diagnosis.records.dataset import Dataset, Window
 from analysis.pages.canvas import QUIET, Canvas, thinned
 from analysis.pages.quantities import scaled
 from sim_backend.axis_names import axis_text
-from sim_backend.linear import Array, ModalModel
+from sim_backend.linear import Array
 from sim_backend.model import Model
 
 if TYPE_CHECKING:
@@ -36,7 +36,6 @@ class _Stretch:
 
 def opening_figure(
     data: Dataset,
-    given: ModalModel,
     before: Sequence[Array],
     after: Sequence[Array],
     noise_rms: Array,
@@ -44,7 +43,7 @@ def opening_figure(
 ) -> Drawn | None:
     """Return measured and simulated over each other where the extended model gains most, held-out samples if there are.
 
-    Where the two models are one it is where that misses most. The model as `given` is drawn beside both.
+    Where the two models are one it is where that misses most. The model as given is drawn too, unless it runs away.
 
     `before` and `after` are each record's residuals (n, n_y), `noise_rms` has shape (n_y,). None without a window.
     """
@@ -54,9 +53,10 @@ def opening_figure(
     record, port = data.records[place.record], model.outputs[place.output]
     y = record.y[place.rows, place.output]
     old, new = (x[place.record][place.rows, place.output] for x in (before, after))
-    untouched = left_as_given(given, record, data.rate_hz)[place.rows, place.output]
+    untouched = left_as_given(model, record, data.rate_hz)[place.rows, place.output]
     found = [] if np.array_equal(old, new) else [("extended", new, AFTER)]
-    curves = [("as given", untouched, GIVEN), ("adjusted", old, BEFORE), *found]
+    first = [("as given", untouched, GIVEN)] if np.all(np.isfinite(untouched)) else []
+    curves = [*first, ("adjusted", old, BEFORE), *found]
     time_s = (np.arange(place.rows.start, place.rows.stop) - place.window.start) / data.rate_hz
     name = axis_text(port.dof)
     canvas = Canvas(f"Measured and simulated, {name}", "", rows=2, size=TALL, share_x=True)

@@ -193,7 +193,7 @@ def _drawings(diagnosis: Diagnosis, model: Model, files: dict[str, str]) -> tupl
     after = evidence(data, diagnosis.after, whitener, model)
     output = opening_output(data, before, diagnosis.after, noise_rms)
     figures = Figures(
-        opening=_those(opening_figure(data, diagnosis.nominal, before, diagnosis.after, noise_rms, model)),
+        opening=_those(opening_figure(data, before, diagnosis.after, noise_rms, model)),
         response=_those(bode_figure(diagnosis, model, output)),
         mechanism=_those(mechanism_figure(diagnosis, model, whitener)),
         evidence=tuple(evidence_figures(diagnosis.evidence, after, model)),

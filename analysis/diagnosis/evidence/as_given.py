@@ -1,31 +1,51 @@
-"""What the model as given, its own numbers not adjusted, leaves of a record."""
+"""What the model as given, its own numbers not adjusted, leaves of a record: with every effect that its file states."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 
 import numpy as np
 
+from analysis.diagnosis.fitting.fit import steps_of
 from analysis.diagnosis.nominal.responses import played, simulate
 from analysis.diagnosis.records.dataset import Dataset, Record
-from sim_backend.linear import Array, ModalModel
+from sim_backend.assembly import places_of, retuned, stated, transducers_of
+from sim_backend.effects.base import Site
+from sim_backend.linear import Array
+from sim_backend.model import Model
+from sim_backend.replay import replay
 
 
-def left_as_given(linear: ModalModel, record: Record, rate_hz: float) -> Array:
-    """Return what the linear part of a model, played from rest, leaves of a record (n, n_y)."""
-    return record.left_by(simulate(played(linear, rate_hz), record.u))
+def left_as_given(model: Model, record: Record, rate_hz: float) -> Array:
+    """Return what a model, played from rest, leaves of a record (n, n_y); not finite where it runs away."""
+    effects, places = stated(model.effects), places_of(model)
+    linear = retuned(model.linear(), effects, places)
+    if all(effect.site is Site.MODEL for effect in effects):
+        return record.left_by(simulate(played(linear, rate_hz), record.u))
+    acting = [effect for effect in effects if effect.site is not Site.MODEL]
+    motion = replay(
+        linear,
+        acting,
+        places,
+        transducers_of(model),
+        record.u,
+        rate_hz,
+        temperature_k=record.temperature_k,
+        substeps=steps_of(linear, rate_hz),
+    )
+    return record.left_by(motion.reading)
 
 
-def error_as_given(data: Dataset, linear: ModalModel, outputs: Sequence[str], moving: Collection[str]) -> float | None:
+def error_as_given(data: Dataset, model: Model, moving: Collection[str]) -> float | None:
     """Return the error of the model as given on held-out samples: rms over rms about the mean of the `moving` outputs.
 
     None where no sample is held out, none of them moves, or the model runs away, as one without springs does from rest.
     """
-    counted = [o for o, name in enumerate(outputs) if name in moving]
+    counted = [o for o, port in enumerate(model.outputs) if port.dof in moving]
     windows = [(i, w) for i, w in data.windows if w.held_out]
     if not windows or not counted:
         return None
-    left = {i: left_as_given(linear, data.records[i], data.rate_hz) for i in {i for i, _ in windows}}
+    left = {i: left_as_given(model, data.records[i], data.rate_hz) for i in {i for i, _ in windows}}
     size = np.std(np.concatenate([data.records[i].y[w.start : w.stop, counted] for i, w in windows]), axis=0)
     error = np.concatenate([left[i][w.start : w.stop, counted] for i, w in windows])
     relative = np.sqrt(np.mean((error / np.where(size > 0.0, size, np.nan)) ** 2))

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import answers_to_before, coasting, free_responses, played
@@ -183,13 +184,20 @@ class _StartFit:
     def inverse(self) -> Array:
         """One over the size (k,) of what each number of the start adds, nothing for what adds nothing."""
         scale = np.linalg.norm(self.columns * self.weight[:, :, None], axis=(0, 1))
-        return np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+        return np.divide(1.0, scale, out=np.zeros_like(scale), where=self._remembered)
 
     @cached_property
     def nudges(self) -> Array:
         """By how much each number (k,) is moved to see its slope."""
         peak = np.max(np.abs(self.columns * self.weight[:, :, None]), axis=(0, 1))
-        return np.divide(_NUDGE, peak, out=np.zeros_like(peak), where=peak > 0.0)
+        return np.divide(_NUDGE, peak, out=np.zeros_like(peak), where=self._remembered)
+
+    @cached_property
+    def _remembered(self) -> NDArray[np.bool_]:
+        """Which numbers of the start (k,) still matter in samples of some weight: the motion of others has died out."""
+        seen = np.linalg.norm(self.columns * (self.weight > 0.0)[:, :, None], axis=(0, 1))
+        whole = np.linalg.norm(self.columns, axis=(0, 1))
+        return np.asarray((whole > 0.0) & (seen >= _FORGOTTEN * whole))
 
     def weighed(self, values: Array) -> Array:
         """Return first samples of readings (m, n_y) or of columns (m, n_y, k), weighted, as (m n_y,) or (…, k)."""

@@ -58,7 +58,7 @@ class Setting:
         return np.exp(-1j * np.angle(self.lines.response)), 1.0 / self.noise.sigma
 
     def tuned(self, white: Array) -> ModalModel:
-        """Return the linear model with nuisances from independent unit normal numbers `white` (n_nuisances,), clipped."""
+        """Return the linear model with nuisances from independent unit normals `white` (n_nuisances,), clipped."""
         low, high = bounds_of(self.nuisances) if self.nuisances else (np.zeros(0), np.zeros(0))
         return turned(self.linear, self.nuisances, np.clip(self.turn @ white, low, high))
 

@@ -131,8 +131,12 @@ def search(
             passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
         # what was passed over is only ever a rival of the first cause
         some = [f for _, f in ahead[: n_compared([lead for lead, _ in ahead], known=known or bool(best.candidates))]]
-        careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
-        setting, trials, before = _in_fine_steps(careful, some, best, last.price)
+        if rules.refined:
+            careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
+            setting, trials, before = _in_fine_steps(careful, some, best, last.price)
+        else:
+            setting, trials, before = _iterated_gls(setting, some, best, last.price)
+            trials = _from_the_best(setting, trials)
         best = sharpened(setting, _best_of(setting, trials, before, last.price))
         best, rivals = with_recorded_steps(setting, best, rules.lattices), [*trials, before]
         flat = _flat(setting, best)

@@ -53,7 +53,7 @@ class Rules:
     First trials take the setting's coarser steps; what they find is fitted again with `substeps` steps per sample.
     `max_effects` counts each effect of which a location may have several, such as modes, once, up to MOST in all.
     `inside` are modal effects, which are searched for where the error of a model is many times the noise. `lattices`
-    are the quantisation of the readings of some outputs.
+    are the quantisation of the readings of some outputs. Steps are not `refined` where the records show theirs.
     """
 
     effects: tuple[type[Effect], ...]
@@ -63,6 +63,7 @@ class Rules:
     seed: int
     inside: tuple[type[Effect], ...] = ()
     lattices: Mapping[str, Lattice] = field(default_factory=dict)
+    refined: bool = True
 
     def is_rounding(self, candidate: Candidate) -> bool:
         """Tell whether a candidate repeats with the steps of a reading: that is their rounding, which they show."""

@@ -18,7 +18,7 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.result import Cause, Diagnosis, Domain, Gain, Remainder
 from sim_backend.effects import make_effect
-from sim_backend.model import Mode, Model, Port
+from sim_backend.model import EffectEntry, Mode, Model, Port
 
 RATE_HZ = 1000.0
 HZ, DECAY = 20.0, 12.0
@@ -27,7 +27,7 @@ FRICTION_NM, SPRING = 0.02, 1.0
 BREAKAWAY = 0.3
 
 
-def axis() -> Model:
+def axis(*effects: EffectEntry) -> Model:
     """One axis at 20 Hz, DC gain 1 rad/N m."""
     square = (2.0 * np.pi * HZ) ** 2
     return Model(
@@ -36,6 +36,7 @@ def axis() -> Model:
         inputs=[Port(name="u", unit="N m", dof="x")],
         outputs=[Port(name="y", unit="rad", dof="x")],
         modes=[Mode(label="1", frequency_hz=HZ, decay_rate_1_s=DECAY, input={"u": square}, output={"y": 1.0})],
+        effects=list(effects),
     )
 
 
@@ -169,7 +170,7 @@ def test_an_input_that_never_moves_gives_no_response():
 
 def test_the_opening_shows_held_out_rows_where_the_extended_model_gains_most():
     found, *_ = diagnosed("cubic-stiffness")
-    figure = opening_figure(found.data, found.nominal, found.before, found.after, np.array([NOISE_RAD]), axis())
+    figure = opening_figure(found.data, found.before, found.after, np.array([NOISE_RAD]), axis())
     assert figure is not None
     t, shown, *_ = drawn(figure.canvas, "measured")
     y = found.data.records[0].y[10_000:, 0]
@@ -211,7 +212,7 @@ def test_a_cause_is_drawn_over_its_own_motion_where_another_moves_with_it():
 
 def test_a_consistent_model_is_drawn_once():
     found, *_ = diagnosed("cubic-stiffness")
-    figure = opening_figure(found.data, found.nominal, found.after, found.after, np.array([NOISE_RAD]), axis())
+    figure = opening_figure(found.data, found.after, found.after, np.array([NOISE_RAD]), axis())
     assert figure is not None
     assert set(figure.canvas.numbers().series) == {"measured", "as given", "adjusted"}
 
@@ -255,7 +256,7 @@ def test_the_opening_shows_the_model_as_given_and_the_response_a_found_gain():
         found, data=Dataset(RATE_HZ, (read,)), effects=(make_effect("sensor-gain", "x", {"relative": 0.3}),)
     )
     still = (np.full_like(read.y, NOISE_RAD),)
-    figure = opening_figure(found.data, found.nominal, still, still, np.array([NOISE_RAD]), axis())
+    figure = opening_figure(found.data, still, still, np.array([NOISE_RAD]), axis())
     assert figure is not None
     _, measured, *_ = drawn(figure.canvas, "measured")
     numbers = figure.canvas.numbers()
@@ -273,11 +274,28 @@ def test_the_error_of_the_model_as_given_is_that_of_the_held_out_rows():
     record = found.data.records[0]
     read = dataclasses.replace(record, y=1.3 * answer(record.u[:, 0])[:, None])
     data = Dataset(RATE_HZ, (read,))
-    error = error_as_given(data, found.nominal, ["x"], ["x"])
+    error = error_as_given(data, axis(), ["x"])
     late = read.y[10_000:, 0]
     expected = 0.3 / 1.3 * np.sqrt(np.mean(late**2)) / np.std(late)
     assert error == pytest.approx(expected, rel=1e-6)
-    assert error_as_given(data, found.nominal, ["x"], []) is None
+    assert error_as_given(data, axis(), []) is None
+
+
+def test_the_model_as_given_has_the_effects_that_its_file_states():
+    found, _, x = diagnosed("cubic-stiffness")
+    stiff = axis(EffectEntry(effect="cubic-stiffness", where="x", parameters={"stiffness": SPRING}))
+    late = found.data.records[0].y[10_000:, 0]
+    noise = NOISE_RAD / np.std(late)
+    # the force of the record is held for a sample, half a sample late: 2 pi 20 Hz 0.5 ms = 6.3 % of it at resonance
+    error, without = (error_as_given(found.data, model, ["x"]) for model in (stiff, axis()))
+    assert without is not None and without > 100.0 * noise
+    assert error == pytest.approx(noise, abs=0.063 * without)
+    figure = opening_figure(found.data, found.after, found.after, np.array([NOISE_RAD]), stiff)
+    assert figure is not None
+    numbers = figure.canvas.numbers()
+    _, measured, *_ = drawn(figure.canvas, "measured")
+    given = numbers[(numbers.series == "as given") & (numbers.panel == "x")].y.to_numpy()
+    assert given == pytest.approx(measured, abs=0.01 * np.abs(measured).max())
 
 
 @pytest.mark.parametrize("period", [0, 500])

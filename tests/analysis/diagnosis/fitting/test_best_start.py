@@ -60,6 +60,24 @@ def test_a_start_is_found_beside_a_torque_that_makes_another_motion_of_it(name: 
     assert np.sum(alone**2) > 100.0 * np.sum(noise**2)
 
 
+def test_a_motion_that_has_died_out_before_the_weighted_samples_leaves_its_start_alone() -> None:
+    """Of a mode that loses all but 1e-310 of itself there is nothing to see: a start for it would be boundless."""
+    free = free_responses(played(linear_model(), RATE_HZ), ROWS)
+    weight = np.ones((ROWS, 1))
+    weight[:400] = 0.0
+    gone = np.exp(np.log(1e-310) * np.arange(ROWS) / 400.0)[:, None, None]
+    effects = [make_effect("backlash", "theta_x", {"stiffness": 0.6 * STIFFNESS, "gap": 1.2e-3})]
+    y = reading(effects, START)
+
+    def left(acting: list[Effect], start: np.ndarray, rows: int) -> np.ndarray:
+        assert np.all(np.isfinite(start)) and np.all(start[4:] == 0.0)
+        return y[:rows] - reading(acting, start[:4])[:rows]
+
+    columns, spread = np.concatenate([free, gone], axis=2), np.full(5, np.inf)
+    found = left_by_best_start(partial(left, effects), partial(left, []), columns, weight, spread, exact=False)
+    assert np.linalg.norm(found[400:]) < 1e-6 * np.linalg.norm(y[400:])
+
+
 def test_rows_without_weight_say_nothing_of_a_start() -> None:
     free = free_responses(played(linear_model(), RATE_HZ), ROWS)
     weight = np.ones((ROWS, 1))
