@@ -1,4 +1,4 @@
-"""A segment as bytes: the image that the host uploads before it arms the bench; docs/serial-protocol.md has the table.
+"""A segment as bytes: the image that the host uploads before it arms the bench; docs/serial-protocol.md has its fields.
 
 All numbers are little-endian and packed without gaps; floating-point numbers are IEEE 754 doubles, so that what the
 bench plays is bit for bit what the host meant. A waveform column that is zero throughout takes no bytes.

@@ -8,29 +8,16 @@ from pathlib import Path
 import pytest
 
 from analysis.paper.numbers import paper_tables
-from tests.reading import DOCS
 
 FIRST = tomllib.loads(Path(__file__).with_name("first_tolerances.toml").read_text(encoding="utf-8"))
 NOW = {(key, n.key): (n.label, n.tolerance) for key, table in paper_tables().items() for n in table.rows}
-DECISION = DOCS / "decisions" / "0037-what-agreement-is-worth.md"
-
-
-def entries(what):
-    """Cells of the decision's table of what changed: when, table, row, was, is, why."""
-    lines = DECISION.read_text(encoding="utf-8").splitlines()
-    start = lines.index(f"| when | table | row | {what} was | is | why |") + 2
-    found = []
-    for line in lines[start:]:
-        if not line.startswith("| "):
-            break
-        found.append(tuple(cell.strip() for cell in line.strip("|").split("|")))
-    return found
+CHANGES = tomllib.loads(Path(__file__).with_name("changes.toml").read_text(encoding="utf-8"))
 
 
 def followed(what, of, read):
     """What the entries make of the first list; every entry must continue what stood before it."""
     now = {(table, key): row[of] for table, rows in FIRST.items() for key, row in rows.items()}
-    for _, table, pattern, was, becomes, _ in entries(what):
+    for _, table, pattern, was, becomes, _ in CHANGES[what]:
         rows = [row for row in now if row[0] == table and fnmatchcase(row[1], pattern)]
         assert rows, f"no row {pattern} in table {table}"
         for row in rows:
@@ -52,7 +39,7 @@ def test_whatever_changed_has_an_entry_and_nothing_else_has(what, of, read):
 
 @pytest.mark.parametrize("what", ["tolerance", "label"])
 def test_every_entry_says_when_and_why(what):
-    found = entries(what)
+    found = CHANGES[what]
     days = [date.fromisoformat(when) for when, *_ in found]
     assert len(found) > 10 and days == sorted(days)
     assert all(len(why.split()) > 4 for *_, why in found)
