@@ -261,7 +261,8 @@ class _StartFit:
 
 def _squares(values: Array) -> float:
     """Return the sum of squares, without bound where a simulation has none."""
-    total = float(np.sum(values**2))
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = float(np.sum(values**2))
     return total if np.isfinite(total) else np.inf
 
 
