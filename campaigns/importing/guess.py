@@ -244,6 +244,7 @@ def _text(paths: Sequence[Path], source: Source, columns: Sequence[Column], cloc
         lines.append(f"period = {period}   # found on the inputs")
     plain = Counter(column.plain for column in columns)
     taken: set[str] = set()
+    lettered = _lettered([column.plain for column in columns if column.role != "aux"])
     rows = 0 if "resample" in clock else columns[0].values.size
     single = all(sum(column.role == role for column in columns) <= 1 for role in ("input", "output"))
     for column in columns:
@@ -260,7 +261,7 @@ def _text(paths: Sequence[Path], source: Source, columns: Sequence[Column], cloc
         lines += ["", f'[channels."{_quoted(name)}"]', f'select = "{_quoted(column.select)}"']
         lines += [f'unit = "{_quoted(unit)}"{doubt}', f'role = "{column.role}"' + _doubtful(column)]
         if column.role != "aux":
-            lines.append(f'dof = "{"x" if single else _dof(column)}"')
+            lines.append(f'dof = "{"x" if single else lettered.get(column.plain) or _dof(column)}"')
         low, high = float(column.values.min()), float(column.values.max())
         lines.append(f"# {column.values.size} values from {low:.6g} to {high:.6g}")
         if column.role in ("input", "output") and low == high:
@@ -287,6 +288,13 @@ def _held_out(files: int, rows: int, period: int) -> list[str]:
 
 def _doubtful(column: Column) -> str:
     return "".join(f"   # DOUBTFUL: {doubt}" for doubt in column.doubts)
+
+
+def _lettered(names: Sequence[str]) -> dict[str, str]:
+    """Return the axes of names that differ in their last letter alone, as fx, fy, fz, or x, y, z do."""
+    own = {name: (name[:-1], name[-1].lower()) for name in names if name[-1:].lower() in ("x", "y", "z")}
+    letters = {stem: {letter for other, letter in own.values() if other == stem} for stem, _ in own.values()}
+    return {name: letter for name, (stem, letter) in own.items() if len(letters[stem]) > 1}
 
 
 def _dof(column: Column) -> str:

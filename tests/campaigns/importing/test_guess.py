@@ -62,6 +62,20 @@ def test_the_segments_that_it_offers_are_whole_periods_once_they_are_uncommented
         assert [(s.label, s.start, s.stop) for s in run.segments] == [("fit", 0, 750), ("held-out", 750, 1050)]
 
 
+def test_names_that_differ_in_the_letter_of_an_axis_alone_are_axes(tmp_path):
+    names = ["fx", "fy", "fz", "x", "y", "z"]
+    columns = [np.arange(300) * 1e-3, *np.random.default_rng(4).standard_normal((6, 300))]
+    proposed(
+        tmp_path,
+        table(
+            tmp_path, ";".join(["t [s]", *(f"{n} [N]" for n in names[:3]), *(f"{n} [m]" for n in names[3:])]), columns
+        ),
+    )
+    made = import_run(tmp_path / "map.toml", tmp_path / "a.h5")
+    expected = {n: ("input" if n.startswith("f") else "output", n[-1]) for n in names}
+    assert {c.name: (c.role, c.dof) for c in made.channels} == expected
+
+
 def test_of_several_files_one_may_be_held_out_by_its_label(tmp_path):
     columns = [np.arange(200) * 1e-3, U, Y]
     text, _ = proposed(tmp_path, *(table(tmp_path, "t [s];u [N];y [m]", columns, name) for name in ("a.csv", "b.csv")))
