@@ -43,7 +43,7 @@ from analysis.identification.whole_delay import BEGINNING_ROWS, beginning
 from analysis.recorded.folded import averaged_response, too_long
 from campaigns.facts import facts_of, measured_segments
 from campaigns.facts.loop import NAME as LOOP
-from campaigns.log import LogSegment, Run
+from campaigns.log import Run
 from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import DataError
 from sim_backend.linear import ModalModel
@@ -200,9 +200,7 @@ def _distorted(noise: float | None, distortion: float | None) -> bool:
     return noise is not None and distortion is not None and distortion > noise
 
 
-def _refined(
-    fitted: Fitted, parts: Parts, rate_hz: float, structure: Structure, *, late: bool
-) -> Fitted:
+def _refined(fitted: Fitted, parts: Parts, rate_hz: float, structure: Structure, *, late: bool) -> Fitted:
     """Return a model fitted on in time to all segments that are not held out, with the quality of its response."""
     kept = [(run, s) for run, s in parts if s.rows and not s.held_out]
     if too_long(kept):

@@ -12,7 +12,7 @@ from analysis.identification.determined import without_undetermined
 from analysis.identification.input_delay import fit_whole_delay, with_delay
 from analysis.identification.loop_at_once import answers_at_once
 from analysis.identification.modal_parameters import Structure
-from analysis.identification.timefit import TimeFit, fit_records
+from analysis.identification.timefit import Compared, TimeFit, fit_records
 from analysis.identification.whole_delay import freed
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of
@@ -74,7 +74,17 @@ def _fitted(
     in_loop: bool,
     report: Report,
 ) -> TimeFit:
-    fitted = partial(fit_records, inputs, outputs, rate, structure=structure, rigid_bodies=None, in_loop=in_loop)
+    compared: dict[bytes, Compared] = {}
+    fitted = partial(
+        fit_records,
+        inputs,
+        outputs,
+        rate,
+        structure=structure,
+        rigid_bodies=None,
+        in_loop=in_loop,
+        compared=compared,
+    )
 
     def again(n: int, first: ModalModel | None) -> TimeFit:
         return fitted(n, start=first)

@@ -88,8 +88,10 @@ def _remarks(still: Sequence[str]) -> tuple[str, ...]:
     if not still:
         return ()
     one = len(still) == 1
+    answers, it, its = (
+        ("answers no input and holds", "it is", "its") if one else ("answer no input and hold", "they are", "their")
+    )
     return (
-        f"output {', '.join(still)} answer{'s' if one else ''} no input and hold{'s' if one else ''} noise: "
-        f"{'it is' if one else 'they are'} not fitted, {'its' if one else 'their'} gains are written as zero, and errors "
-        "are those of the other outputs",
+        f"output {', '.join(still)} {answers} noise: {it} not fitted, {its} gains are written as zero, and errors are "
+        "those of the other outputs",
     )
