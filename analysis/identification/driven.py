@@ -19,16 +19,14 @@ from sim_backend.linear import Array
 _CHANCE = 1e-3
 """How often an output that holds only noise may be taken for one that answers: it is then fitted for nothing."""
 
-_NEAR = 50
+_NEAR = 100
 """Lines to either side over which the spectrum of noise changes little."""
+
+_LEVEL = 1.0 + 3.0 / np.log(2.0) / np.sqrt(2.0 * _NEAR)
+"""Ratio up to which the median of so many lines may be too low, to three standard deviations: 1 / (ln 2 √n) each."""
 
 _RANK = 1e-9
 """Eigenvalue of the correlation of signals, relative to the largest, below which one adds nothing to the others."""
-
-
-def moving(records: Sequence[Array]) -> NDArray[np.bool_]:
-    """Return which channels (c,) change within at least one of the records (n, c)."""
-    return np.asarray(np.any([np.ptp(x, axis=0) > 0.0 for x in records], axis=0))
 
 
 def answering(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> NDArray[np.bool_]:
@@ -88,6 +86,6 @@ def _stands_out(output: Sequence[Array]) -> bool:
             return True
         # of complex Gaussian noise the power of a line is exponential, and its median is ln 2 of the mean
         near = scipy.ndimage.median_filter(power, 2 * _NEAR + 1, mode="reflect") / np.log(2.0)
-        if np.max(power / np.maximum(near, np.finfo(float).tiny)) > np.log(power.size / _CHANCE):
+        if np.max(power / np.maximum(near, np.finfo(float).tiny)) > _LEVEL * np.log(power.size / _CHANCE):
             return True
     return False

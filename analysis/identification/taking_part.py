@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from analysis.identification.driven import answering, moving
+from analysis.identification.driven import answering
 from analysis.identification.held_out import channels_of
 from analysis.identification.identified import Identification, sensor_zeros
+from analysis.recorded import folded
 from campaigns.log import LogSegment, Run
-from sim_backend.linear import Array
 from sim_backend.model import Port
 
 Parts = Sequence[tuple[Run, LogSegment]]
@@ -36,20 +37,25 @@ def taking_part(fitting: Parts, parts: Parts) -> TakingPart:
     With no input that moves, or no output that answers, all channels take part.
     """
     run = fitting[0][0]
-    names = {role: np.array(run.names(role)) for role in ("input", "output")}
-    u, y = zip(*(_searched(*part) for part in fitting), strict=True)
-    moves = moving(u)
+    inputs, outputs = run.names("input"), run.names("output")
+    surveys = [_survey(*part) for part in fitting]
+    moves = np.any([moved for moved, _ in surveys], axis=0)
     if not moves.any():
         return TakingPart(fitting, parts, ())
-    answers = answering([x[:, moves] for x in u], y, run.sample_rate_hz)
+    searched = [(run, some) for (run, _), (_, some) in zip(fitting, surveys, strict=True)]
+    u, y = ([channels_of(run, some, role) for run, some in searched] for role in ("input", "output"))
+    u = [x[:, moves] for x in u]
+    seen = np.any([np.ptp(x, axis=0) > 0.0 for x in u], axis=0).all()
+    answers = answering(u, y, run.sample_rate_hz) if seen else np.ones(len(outputs), dtype=bool)
     if not answers.any():
         answers[:] = True
-    left = {*names["input"][~moves].tolist(), *names["output"][~answers].tolist()}
+    silent = [name for name, answer in zip(outputs, answers, strict=True) if not answer]
+    left = {*silent, *(name for name, moved in zip(inputs, moves, strict=True) if not moved)}
     if not left:
         return TakingPart(fitting, parts, ())
     runs = {id(run): run.only([name for name in run.channels if name not in left]) for run, _ in (*fitting, *parts)}
     own = [[(runs[id(run)], s) for run, s in some] for some in (fitting, parts)]
-    return TakingPart(own[0], own[1], _remarks(names["output"][~answers].tolist()))
+    return TakingPart(own[0], own[1], _remarks(silent))
 
 
 def with_all_channels(
@@ -63,35 +69,37 @@ def with_all_channels(
     others = [port for port in outputs if port.name not in kept]
     effects = list(found.model.effects)
     if others and any(run.header.bench.get("kind") == "imported" for run, _ in fitting):
-        means = [[run.read(port.name, s.start, s.stop).mean() for port in others] for run, s in fitting]
+        means = [[run.read(port.name, s.start, s.stop).mean() for port in others] for run, s in folded.windowed(fitting)]
         uids = dict.fromkeys(run.run_uid for run, _ in fitting)
         effects += sensor_zeros(np.array(means), others, f"mean of run {', '.join(uids)}")
     whole = msgspec.structs.replace(found.model, inputs=list(inputs), outputs=list(outputs), effects=effects)
     return replace(found, model=whole)
 
 
-def _searched(run: Run, segment: LogSegment) -> tuple[Array, Array]:
-    """Return inputs (n, n_u) and outputs (n, n_y) of a segment, of a long one those where its inputs move most."""
-    u = channels_of(run, segment, "input")
-    start = 0
-    if segment.rows > MOST_ROWS:
-        size = u.std(axis=0)
-        power = np.sum(((u - u.mean(axis=0)) / np.where(size > 0.0, size, 1.0)) ** 2, axis=1)
-        total = np.concatenate([[0.0], np.cumsum(power)])
-        start = int(np.argmax(total[MOST_ROWS:] - total[:-MOST_ROWS]))
-    rows = slice(start, start + MOST_ROWS)
-    some = replace(segment, start=segment.start + start, stop=min(segment.start + start + MOST_ROWS, segment.stop))
-    return u[rows], channels_of(run, some, "output")
+def _survey(run: Run, segment: LogSegment) -> tuple[NDArray[np.bool_], LogSegment]:
+    """Return which inputs (n_u,) change in a segment, and of a long one the part in which they move most."""
+    names = run.names("input")
+    rows = max(min(MOST_ROWS, folded.BLOCK_VALUES // (len(names) + len(run.names("output")))), 1)
+    first, starts, moves, power = None, [], np.zeros(len(names), dtype=bool), []
+    for start, block in run.blocks(names, segment.start, segment.stop, rows):
+        values = np.stack([block[name] for name in names], axis=1)
+        first = values[0] if first is None else first
+        moves |= np.any(values != first, axis=0)
+        starts.append(start)
+        power.append(values.var(axis=0) * values.shape[0])
+    total = np.sum(power, axis=0)
+    start = starts[int(np.argmax(np.sum(power / np.where(total > 0.0, total, 1.0), axis=1)))]
+    return moves, replace(segment, start=start, stop=min(start + rows, segment.stop))
 
 
-def _remarks(still: Sequence[str]) -> tuple[str, ...]:
-    if not still:
+def _remarks(silent: Sequence[str]) -> tuple[str, ...]:
+    if not silent:
         return ()
-    one = len(still) == 1
+    one = len(silent) == 1
     answers, it, its = (
         ("answers no input and holds", "it is", "its") if one else ("answer no input and hold", "they are", "their")
     )
     return (
-        f"output {', '.join(still)} {answers} noise: {it} not fitted, {its} gains are written as zero, and errors are "
+        f"output {', '.join(silent)} {answers} noise: {it} not fitted, {its} gains are written as zero, and errors are "
         "those of the other outputs",
     )

@@ -206,7 +206,8 @@ def _near(
             least = min(least, one.squared_error)
             if rigid not in near or one.criterion < near[rigid].criterion:
                 near[rigid] = one
-    ranked = sorted(near.values(), key=lambda one: one.criterion)[:2]
+    # a start that has a rigid body leads to the same with none more
+    ranked = sorted({id(one): one for one in near.values()}.values(), key=lambda one: one.criterion)[:2]
     return [one for one in ranked if one is ranked[0] or one.squared_error <= _HOPELESS * least]
 
 
