@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def steps(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
     taken: list[tuple[int, int]] = []
     minimise = analysis.identification.timefit.minimise
 
-    def counted(*given: object) -> Minimum:
+    def counted(*given: Any) -> Minimum:
         found = minimise(*given)
         taken.append((found.parameters.size, found.iterations))
         return found
@@ -60,9 +61,9 @@ def one_driven(folder: Path) -> Path:
 def alone(path: Path) -> Path:
     """Return a log with the channels of the driven axis alone."""
     own = path.with_name("alone.h5")
-    signals = tuple(
-        Signal(name, unit, role, "theta_x", RATE_HZ)
-        for name, unit, role in (("command_theta_x", "N m", "input"), ("theta_x", "rad", "output"))
+    signals = (
+        Signal("command_theta_x", "N m", "input", "theta_x", RATE_HZ),
+        Signal("theta_x", "rad", "output", "theta_x", RATE_HZ),
     )
     with read_run(path) as run, LogWriter.create(own, signals, test="alone", bench=run.header.bench) as log:
         for segment in run.segments:
