@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import analysis.identification.timefit
 from analysis.identification.driven import answering
 from analysis.identification.identified import Identification
 from analysis.identification.identify import identify_runs
-from analysis.identification.normal_equations import Minimum
+from analysis.identification.normal_equations import Minimum, minimise
 from analysis.linear.simulate import simulate_linear
 from campaigns.log import LogWriter, read_run
 from campaigns.plans import make_plan
@@ -35,14 +34,13 @@ SETTINGS = {"axes": ["theta_x"], "steps_s": 0.3, "noise_s": 0.3, "held_out_s": 0
 def steps(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
     """Return a list of what every fit in time takes: its numbers and its steps."""
     taken: list[tuple[int, int]] = []
-    minimise = analysis.identification.timefit.minimise
 
     def counted(*given: Any) -> Minimum:
         found = minimise(*given)
         taken.append((found.parameters.size, found.iterations))
         return found
 
-    monkeypatch.setattr(analysis.identification.timefit, "minimise", counted)
+    monkeypatch.setattr("analysis.identification.timefit.minimise", counted)
     return taken
 
 
