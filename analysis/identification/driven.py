@@ -33,9 +33,11 @@ def answering(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float)
     """Return which outputs (n_y,) of records (n, n_u) and (n, n_y) may answer the inputs, all of which move.
 
     Others hold nothing that any mode makes of the inputs, and no line stands out of their spectrum as a resonance or a
-    free motion would. Of records too short to tell every output may answer.
+    free motion would. Of records too short to tell every output may answer, and so may a constant one, which is not
+    noise but a fault.
     """
-    may = np.array([_stands_out([y[:, o] for y in outputs]) for o in range(outputs[0].shape[1])])
+    constant = np.all([np.ptp(y, axis=0) == 0.0 for y in outputs], axis=0)
+    may = constant | [_stands_out([y[:, o] for y in outputs]) for o in range(constant.size)]
     for o in np.flatnonzero(~may):
         may[o] = _follows(inputs, [y[:, o] for y in outputs], rate_hz)
     return may

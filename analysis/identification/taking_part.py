@@ -69,7 +69,9 @@ def with_all_channels(
     others = [port for port in outputs if port.name not in kept]
     effects = list(found.model.effects)
     if others and any(run.header.bench.get("kind") == "imported" for run, _ in fitting):
-        means = [[run.read(port.name, s.start, s.stop).mean() for port in others] for run, s in folded.windowed(fitting)]
+        means = [
+            [run.read(port.name, s.start, s.stop).mean() for port in others] for run, s in folded.windowed(fitting)
+        ]
         uids = dict.fromkeys(run.run_uid for run, _ in fitting)
         effects += sensor_zeros(np.array(means), others, f"mean of run {', '.join(uids)}")
     whole = msgspec.structs.replace(found.model, inputs=list(inputs), outputs=list(outputs), effects=effects)

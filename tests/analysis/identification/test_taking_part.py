@@ -121,3 +121,8 @@ def test_drifting_noise_answers_nothing() -> None:
     u = _band(rng, 10_000)
     coloured = np.convolve(rng.standard_normal(10_100), 0.9 ** np.arange(100), "valid")[:10_000, None]
     assert not answering([u], [coloured], RATE_HZ).any()
+
+
+def test_a_constant_output_is_left_to_be_refused() -> None:
+    u = _band(np.random.default_rng(2), 2000)
+    assert answering([u], [np.ones_like(u)], RATE_HZ).all()
