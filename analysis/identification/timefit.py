@@ -96,13 +96,12 @@ def fit_records(
 ) -> TimeFit:
     """Return the ModalModel behind a zero-order hold that explains records of any waveform best.
 
-    Shapes: every record's input (n, n_u) and output (n, n_y), all at `rate_hz`. Each record's initial state and
-    each output's offset are estimated with the model. `noise_order` is the order of the autoregression that whitens
-    each output's error (0: white; None: chosen by the Bayesian information criterion); with it the fit is a
-    prediction-error fit, which feedback of the noise into the input does not bias. `in_loop` says that there is such
-    feedback: starts are then compared as predictions. `compared` keeps where starts led, for other numbers of blocks of
-    the same records and structure. `blocks` and `rigid_bodies` are as in `rational.fit_rational`.
-    Raises ConfigError or DataError when the records cannot be used.
+    Shapes: every record's input (n, n_u) and output (n, n_y), all at `rate_hz`. Each record's initial state and each
+    output's offset are estimated with the model. `noise_order` is the order of the autoregression that whitens each
+    output's error (0: white; None: chosen by the Bayesian information criterion); with it the fit is a prediction-error
+    fit, which feedback of the noise into the input does not bias. `in_loop` says that there is such feedback: starts
+    are then compared as predictions. `compared` keeps where starts of the same records and structure led. `blocks` and
+    `rigid_bodies` are as in `rational.fit_rational`. Raises ConfigError or DataError when the records cannot be used.
     """
     target = _target(inputs, outputs, rate_hz)
     structure = structure or Structure()
