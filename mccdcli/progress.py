@@ -17,21 +17,22 @@ LINE_PERIOD_S = 5.0  # often enough to see that it lives, seldom enough for the 
 
 
 @contextmanager
-def progress(title: str) -> Iterator[Report]:
+def progress(title: str, *, timed: bool = True) -> Iterator[Report]:
     """Show the progress of one piece of work, with the time left where known; call what this yields as it advances.
 
+    Without `timed` no time is shown: of a search that ends when nothing gets better nobody knows how much is left.
     Library code takes the callable as a plain argument, so it need not know of terminals. Nothing is written
     to standard output, and nothing at all for work that ends before its first line is due.
     """
     if sys.stderr.isatty() and os.environ.get("TERM") != "dumb":
-        with _bar(title) as report:
+        with _bar(title, timed=timed) as report:
             yield report
     else:
-        yield _forward(_lines(title))
+        yield _forward(_lines(title, timed=timed))
 
 
 @contextmanager
-def _bar(title: str) -> Iterator[Report]:
+def _bar(title: str, *, timed: bool) -> Iterator[Report]:
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskProgressColumn, TextColumn
@@ -46,7 +47,7 @@ def _bar(title: str) -> Iterator[Report]:
             return Text(_left(left.left_s(time.monotonic())), style="progress.remaining")
 
     percent = TaskProgressColumn("[progress.percentage]{task.percentage:>3.0f} %")
-    columns = (TextColumn("{task.description}"), BarColumn(), percent, Left())
+    columns = (TextColumn("{task.description}"), BarColumn(), percent, *((Left(),) if timed else ()))
     with Progress(*columns, console=Console(stderr=True), transient=True) as bars:  # rich honours NO_COLOR
         task = bars.add_task(escape(title), total=None)
 
@@ -76,7 +77,7 @@ def _forward(report: Report) -> Report:
     return told
 
 
-def _lines(title: str, clock: Callable[[], float] = time.monotonic) -> Report:
+def _lines(title: str, clock: Callable[[], float] = time.monotonic, *, timed: bool = True) -> Report:
     from campaigns.progress import TimeLeft  # --help shows the progress of nothing
 
     left = TimeLeft(clock())
@@ -91,7 +92,8 @@ def _lines(title: str, clock: Callable[[], float] = time.monotonic) -> Report:
         if now_s < due_s:
             return
         due_s = now_s + LINE_PERIOD_S
-        told = ", ".join(filter(None, (f"{100 * done / total:.0f} %", _left(left.left_s(now_s)))))
+        left_s = left.left_s(now_s) if timed else None
+        told = ", ".join(filter(None, (f"{100 * done / total:.0f} %", _left(left_s))))
         say(f"{title}: {told} {what}".rstrip())
 
     return report

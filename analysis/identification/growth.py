@@ -16,7 +16,7 @@ from analysis.linear.modal_form import block_of
 from analysis.linear.simulate import simulate_linear
 from sim_backend.linear import Array, ModalModel, discretise
 
-_DAMPING_RATIO = 0.03
+DAMPING_RATIO = 0.03
 """Of a new block: its peak is a dozen lines wide in a record of two hundred periods, and a fit goes on from there."""
 
 
@@ -38,9 +38,9 @@ def grown(
 def _new_block(target: TimeTarget, rest: Sequence[Array], *, mechanical: bool) -> tuple[ModalModel, list[Array]]:
     """Return a lightly damped block at the largest peak of the residual, and the outputs (n, n_y) that it gives."""
     omega = 2.0 * np.pi * _peak_hz(target, rest)
-    pole = omega * complex(-_DAMPING_RATIO, np.sqrt(1.0 - _DAMPING_RATIO**2))
+    pole = omega * complex(-DAMPING_RATIO, np.sqrt(1.0 - DAMPING_RATIO**2))
     n_u, n_y = target.inputs[0].shape[1], rest[0].shape[1]
-    states = np.concatenate([_states(omega, u, target.rate_hz) for u in target.inputs])  # (samples, 2 n_u)
+    states = np.concatenate([states_of_a_block(omega, u, target.rate_hz) for u in target.inputs])  # (samples, 2 n_u)
     size = np.linalg.norm(states, axis=0)
     size = np.where(size > 0.0, size, 1.0)
     columns = states[:, :n_u] / size[:n_u] if mechanical else states / size
@@ -61,12 +61,12 @@ def _peak_hz(target: TimeTarget, rest: Sequence[Array]) -> float:
     return float(line * target.rate_hz / most.shape[0])
 
 
-def _states(omega: float, u: Array, rate_hz: float) -> Array:
-    """Return position and rate (n, 2 n_u) of the block of a new pole, driven from rest by each input alone."""
+def states_of_a_block(omega: float, u: Array, rate_hz: float) -> Array:
+    """Return position and rate (n, 2 n_u) of a lightly damped block, driven from rest by each input (n, n_u) alone."""
     one, none = np.ones((1, 1)), np.zeros((1, 1))
     block = ModalModel(
         omega_rad_s=np.array([omega]),
-        sigma_1_s=np.array([_DAMPING_RATIO * omega]),
+        sigma_1_s=np.array([DAMPING_RATIO * omega]),
         b=one,
         b_direct=none,
         c=np.array([[1.0], [0.0]]),

@@ -166,7 +166,7 @@ def identification(
     )
     model = msgspec.structs.replace(model, intersample=intersample)
     if np.any(fitted.offsets) and any(run.header.bench.get("kind") == "imported" for run in runs):
-        model = msgspec.structs.replace(model, effects=_zeros(fitted.offsets, outputs, source))
+        model = msgspec.structs.replace(model, effects=sensor_zeros(fitted.offsets, outputs, source))
     rising = np.argsort(linear.omega_rad_s).tolist()
     axes = axes_of_modes(linear, [port.dof for port in outputs])
     chi2_per_dof = None if fitted.chi2 is None else fitted.chi2 / max(fitted.dof, 1)
@@ -213,7 +213,7 @@ def _gains(fitted: Fitted, inputs: list[Port], outputs: list[Port]) -> tuple[Sta
     )
 
 
-def _zeros(offsets: Array, outputs: list[Port], source: str) -> list[EffectEntry]:
+def sensor_zeros(offsets: Array, outputs: list[Port], source: str) -> list[EffectEntry]:
     """Return the operating point of each output as an effect: a bench of others counts from a zero of its own."""
     mean = offsets.mean(axis=0)
     std = offsets.std(axis=0, ddof=1) / np.sqrt(offsets.shape[0]) if offsets.shape[0] > 1 else None

@@ -37,18 +37,20 @@ from analysis.identification.refined import refined
 from analysis.identification.response_curves import curves_of_periods
 from analysis.identification.response_fit import RationalFit
 from analysis.identification.swing import without_swing
+from analysis.identification.taking_part import Parts, taking_part, with_all_channels
 from analysis.identification.timefit import TimeFit
 from analysis.identification.whole_delay import BEGINNING_ROWS, beginning
 from analysis.recorded.folded import averaged_response, too_long
 from campaigns.facts import facts_of, measured_segments
 from campaigns.facts.loop import NAME as LOOP
-from campaigns.log import LogSegment, Run
+from campaigns.log import Run
 from campaigns.progress import Report, part_of, unheard
 from sim_backend.errors import DataError
 from sim_backend.linear import ModalModel
 from sim_backend.model import EffectEntry, Port, Quantity
 
 Array = NDArray[np.float64]
+Tell = Callable[[str], None]
 
 ROLES = ("input", "output")
 
@@ -68,7 +70,7 @@ def identify_runs(
     equal_weights: bool = False,
     name: str = "identified",
     report: Report = unheard,
-    tell: Callable[[str], None] = untold,
+    tell: Tell = untold,
 ) -> Identification:
     """Return the linear model that explains `runs` best; all must have the same inputs and outputs, or be sweeps.
 
@@ -99,11 +101,24 @@ def identify_runs(
     if periodic is not None:
         found = _from_periods(periodic, parts, orders, name, equal_weights, report)
     else:
-        found = (_from_spectra if too_long(fitting) else _from_records)(fitting, parts, orders, name, report)
+        found = _from_free(fitting, parts, modes, name, report, tell)
     missed = remarks_on_misses(found.response, response_of_model(found.model))
     measured = found.response or tuple(curves_in_a_loop(fitting))
     grows = remarks_on_growth(found.model, measured)
     return replace(found, remarks=(*told, *grows, *found.remarks, *missed))
+
+
+def _from_free(
+    fitting: Parts, parts: Parts, modes: int | Sequence[int] | None, name: str, report: Report, tell: Tell
+) -> Identification:
+    """Fit what takes part of records of any excitation, and return it among all channels."""
+    some = taking_part(fitting, parts)
+    for remark in some.remarks:
+        tell(remark)
+    orders = _orders([some.fitting[0][0]], modes)
+    fit = _from_spectra if too_long(some.fitting) else _from_records
+    found = with_all_channels(fit(some.fitting, some.parts, orders, name, report), *_ports(fitting[0][0]), fitting)
+    return replace(found, remarks=(*some.remarks, *found.remarks))
 
 
 def _missing(runs: Sequence[Run]) -> str:
@@ -120,7 +135,7 @@ def _orders(runs: Sequence[Run], modes: int | Sequence[int] | None) -> tuple[int
 
 def _from_periods(
     data: Realisations,
-    parts: Sequence[tuple[Run, LogSegment]],
+    parts: Parts,
     orders: tuple[int, ...],
     name: str,
     equal_weights: bool,
@@ -185,9 +200,7 @@ def _distorted(noise: float | None, distortion: float | None) -> bool:
     return noise is not None and distortion is not None and distortion > noise
 
 
-def _refined(
-    fitted: Fitted, parts: Sequence[tuple[Run, LogSegment]], rate_hz: float, structure: Structure, *, late: bool
-) -> Fitted:
+def _refined(fitted: Fitted, parts: Parts, rate_hz: float, structure: Structure, *, late: bool) -> Fitted:
     """Return a model fitted on in time to all segments that are not held out, with the quality of its response."""
     kept = [(run, s) for run, s in parts if s.rows and not s.held_out]
     if too_long(kept):
@@ -211,8 +224,8 @@ def _relative(level: Array, power: float) -> float | None:
 
 
 def _from_records(
-    fitting: Sequence[tuple[Run, LogSegment]],
-    parts: Sequence[tuple[Run, LogSegment]],
+    fitting: Parts,
+    parts: Parts,
     orders: tuple[int, ...],
     name: str,
     report: Report,
@@ -251,8 +264,8 @@ def _from_records(
 
 
 def _from_spectra(
-    fitting: Sequence[tuple[Run, LogSegment]],
-    parts: Sequence[tuple[Run, LogSegment]],
+    fitting: Parts,
+    parts: Parts,
     orders: tuple[int, ...],
     name: str,
     report: Report,
@@ -291,7 +304,7 @@ def _from_spectra(
     )
 
 
-def _whole_delay(fitting: Sequence[tuple[Run, LogSegment]]) -> Array:
+def _whole_delay(fitting: Parts) -> Array:
     """Return by how many whole samples each input (n_u,) acts late, from the first samples of the longest segment."""
     run, longest = max(fitting, key=lambda part: part[1].rows)
     if not may_be_late(run):
@@ -301,7 +314,7 @@ def _whole_delay(fitting: Sequence[tuple[Run, LogSegment]]) -> Array:
     return beginning([u], [y]).whole.astype(float)
 
 
-def _of_axes(axes: Axes, parts: Sequence[tuple[Run, LogSegment]], name: str) -> Identification:
+def _of_axes(axes: Axes, parts: Parts, name: str) -> Identification:
     """Return the identification of axes that move by themselves; a torque that is always there goes with it."""
     fitted, (inputs, outputs) = axes.fitted, _ports(parts[0][0])
     beside = [(inputs[i].dof, one) for i, one in enumerate(axes.beside) if one is not None]
@@ -350,10 +363,10 @@ def _ports(run: Run) -> tuple[list[Port], list[Port]]:
     return of("input"), of("output")
 
 
-def _in_a_known_loop(parts: Sequence[tuple[Run, LogSegment]]) -> bool:
+def _in_a_known_loop(parts: Parts) -> bool:
     """Tell whether the facts of a log say that its inputs answer its outputs."""
     return any(fact.name == LOOP and fact.numbers.get("found") for run in _runs_of(parts) for fact in facts_of(run))
 
 
-def _runs_of(parts: Sequence[tuple[Run, LogSegment]]) -> list[Run]:
+def _runs_of(parts: Parts) -> list[Run]:
     return list({id(run): run for run, _ in parts}.values())

@@ -12,7 +12,7 @@ from analysis.identification.determined import without_undetermined
 from analysis.identification.input_delay import fit_whole_delay, with_delay
 from analysis.identification.loop_at_once import answers_at_once
 from analysis.identification.modal_parameters import Structure
-from analysis.identification.timefit import TimeFit, fit_records
+from analysis.identification.timefit import Compared, TimeFit, fit_records
 from analysis.identification.whole_delay import freed
 from campaigns.log import LogSegment, Run
 from campaigns.progress import Report, part_of
@@ -37,7 +37,7 @@ def fit_in_time(
     """
     rate = fitting[0][0].sample_rate_hz
 
-    def fitted(structure: Structure, in_loop: bool) -> TimeFit:
+    def fitted(structure: Structure, in_loop: bool, report: Report) -> TimeFit:
         def search(u: Sequence[Array], y: Sequence[Array]) -> TimeFit:
             return _fitted(u, y, rate, orders, structure, in_loop, part_of(report, 0.0, 0.9))
 
@@ -47,11 +47,12 @@ def fit_in_time(
         report(0.9, 1.0, "fitting a delay")
         return late_and_determined(fit, inputs, outputs, rate, orders, in_loop)
 
-    fit = fitted(Structure(feedthrough=not looped), looped)
+    # without feedthrough there is no second search
+    fit = fitted(Structure(feedthrough=not looped), looped, part_of(report, 0.0, 1.0 if looped else 0.5))
     at_once = fit.model.delay_s * rate < 1.0
     # a first fit may miss too much to tell
     if np.any(fit.model.d[:, at_once]) and answers_at_once(fit, inputs, outputs):
-        fit = fitted(Structure(feedthrough=False), True)
+        fit = fitted(Structure(feedthrough=False), True, part_of(report, 0.5, 1.0))
     return fit
 
 
@@ -74,13 +75,25 @@ def _fitted(
     in_loop: bool,
     report: Report,
 ) -> TimeFit:
-    fitted = partial(fit_records, inputs, outputs, rate, structure=structure, rigid_bodies=None, in_loop=in_loop)
+    compared: dict[bytes, Compared] = {}
+    fitted = partial(
+        fit_records,
+        inputs,
+        outputs,
+        rate,
+        structure=structure,
+        rigid_bodies=None,
+        in_loop=in_loop,
+        compared=compared,
+    )
+
+    fit = fitted(orders, report=part_of(report, 0.0, 0.6))
+    most = fit.model.n_blocks
 
     def again(n: int, first: ModalModel | None) -> TimeFit:
+        part_of(report, 0.6, 1.0)(float(most - 1 - n), float(most), "giving up modes that are not there")
         return fitted(n, start=first)
 
-    fit = fitted(orders, report=part_of(report, 0.0, 0.9))
-    report(0.9, 1.0, "giving up modes that are not there")
     return without_undetermined(fit, orders, again)
 
 

@@ -29,6 +29,14 @@ follows in a long record of what is not linear, because no filter whitens an exc
 """
 
 
+_ALIKE = 1.0
+"""Sum of the squared autocorrelations, over so many lags, up to which what is left of an input is new.
+
+Above it a sample's neighbours hold more of it than it does itself, and what the past of an input holds of a residual
+shows in the inputs to come as well. No filter whitens noise of a limited band or smooth steps.
+"""
+
+
 @dataclass(frozen=True)
 class Echo:
     """How much a white residual is in the innovations of the inputs a few samples `before` and `after`, against chance.
@@ -65,27 +73,35 @@ def answers_at_once(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Arr
         for records in (inputs, outputs)
     )
     errors = [y - m for y, m in zip(outputs, fit.outputs, strict=True)]
-    echoes = [
-        echo_of([np.convolve(e[:, o], fit.whitening[o])[: e.shape[0]] for e in errors], inputs)
-        for o in range(errors[0].shape[1])
-    ]
+    echoes = [echo_of(_new([e[:, o] for e in errors], fit.whitening[o]), inputs) for o in range(errors[0].shape[1])]
     before, after, tests = (sum(getattr(echo, name) for echo in echoes) for name in ("before", "after", "tests"))
     return Echo(before, after, tests, echoes[0].rows).comes_back
 
 
 def echo_of(rest: Sequence[Array], inputs: Sequence[Array]) -> Echo:
-    """Return what is new in the `inputs`, (n, n_u) each, holds of the white `rest`, (n,) each, earlier and later."""
+    """Return what is new in the `inputs`, (n, n_u) each, holds of the white `rest`, (n,) each, earlier and later.
+
+    A `rest` may lack the first samples of its record. An input that no filter makes white is left out.
+    """
     before, after, tests = 0.0, 0.0, 0
     for j in range(inputs[0].shape[1]):
         own = [u[:, [j]] - u[:, j].mean() for u in inputs]
         tests += _LAGS
         if not any(np.any(u) for u in own):
             continue
-        taps = whitening_filters(own, None)[0]
-        fresh = [np.convolve(u[:, 0], taps)[: u.shape[0]] for u in own]
-        after += _held(rest, fresh, range(1, _LAGS + 1))
-        before += _held(rest, fresh, range(-_LAGS, 0))
+        fresh = _new([u[:, 0] for u in own], whitening_filters(own, None)[0])
+        if _held(fresh, fresh, range(1, _LAGS + 1)) > _ALIKE * sum(f.size for f in fresh):
+            continue
+        known = [min(r.size, f.size) for r, f in zip(rest, fresh, strict=True)]
+        late, new = ([x[x.size - n :] for x, n in zip(some, known, strict=True)] for some in (rest, fresh))
+        after += _held(late, new, range(1, _LAGS + 1))
+        before += _held(late, new, range(-_LAGS, 0))
     return Echo(before, after, tests, sum(r.size for r in rest))
+
+
+def _new(signals: Sequence[Array], taps: Array) -> list[Array]:
+    """Return what a whitening filter leaves of signals (n,), without the first samples, which it knows no past of."""
+    return [np.convolve(x, taps)[min(taps.size - 1, x.size - 1) : x.size] for x in signals]
 
 
 def _held(rest: Sequence[Array], fresh: Sequence[Array], lags: range) -> float:

@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+TRIED = 30
+"""Steps after which a minimum that is out of reach is given up: one that is near is mostly reached in ten."""
+
+
 @dataclass(frozen=True)
 class Normal:
     """Sum of squared residuals, with J'r (p,) and J'J (p, p) where the residual is model minus data."""
@@ -38,17 +42,21 @@ def minimise(
     iterations: int = 100,
     tolerance: float = 1e-8,
     limit: Array | float = np.inf,
+    hopeless: float = np.inf,
 ) -> Minimum:
     """Return the minimum of a sum of squares, from `start` (p,).
 
     `assemble` gives the normal equations and `cost` the sum of squares alone. Damping follows Nielsen (1999); steps
     are scaled by the diagonal of J'J, so units of the parameters do not matter, and directions that the data do not
     see (the free scaling of a mode between input and output) are left where they are. No parameter moves by more than
-    its `limit` (p,) in one step. Converged when a step predicts and brings a relative decrease below `tolerance`.
+    its `limit` (p,) in one step. Converged when a step predicts and brings a relative decrease below `tolerance`; given
+    up when `TRIED` steps leave more than is `hopeless`.
     """
     x, damping, growth = start.copy(), 1e-3, 2.0
     normal = assemble(x)
     for count in range(iterations):
+        if count == TRIED and normal.cost > hopeless:
+            return Minimum(x, normal, count, False)
         step, predicted = _step(normal, damping, limit)
         aim = x + step
         trial = cost(aim)

@@ -7,14 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.frequency.frf import smoothed
-from analysis.frequency.frf_records import frequency_response_local
 from analysis.identification.dropped import Dropped
 from analysis.identification.growth import grown
 from analysis.identification.modal_parameters import Layout, Structure, determined, layout_of, pack, step_limit, unpack
 from analysis.identification.normal_equations import Normal, covariance, minimise
-from analysis.identification.rational import fit_rational
-from analysis.identification.subspace import subspace_model
 from analysis.identification.time_residual import (
     TimeTarget,
     model_outputs,
@@ -22,10 +18,11 @@ from analysis.identification.time_residual import (
     time_normal_equations,
     whitened_cost,
 )
+from analysis.identification.time_starts import starts_for
 from analysis.identification.whitening import holds_inputs, whitening_filters
 from analysis.linear.modal_form import canonical
 from campaigns.progress import Report, part_of, unheard
-from sim_backend.errors import ConfigError, DataError, MccdError
+from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import Array, ModalModel
 
 _PATIENCE = 2
@@ -34,6 +31,10 @@ _PATIENCE = 2
 _COARSE = 1e-6
 """Relative decrease of the squared error that ends a fit whose only purpose is to be compared: of 10⁵ samples a tenth
 of one degree of freedom, where a mode more has to be worth dozens."""
+
+_HOPELESS = 100.0
+"""Squared error over that of the best start so far from which on a start is not followed to its end: an error ten times
+as large is not made up for by where a fit goes from there, nor by the colour of the noise."""
 
 _NOTHING = 1e-6
 """Part of its motion that a spring takes back in a record, below which there is none."""
@@ -69,6 +70,15 @@ class TimeFit:
     dropped: tuple[Dropped, ...] = ()
 
 
+@dataclass(frozen=True)
+class Compared:
+    """Where one start led, with white errors: `criterion` and `squared_error`, each output weighted by its own size."""
+
+    model: ModalModel
+    criterion: float
+    squared_error: float
+
+
 def fit_records(
     inputs: Sequence[Array],
     outputs: Sequence[Array],
@@ -81,16 +91,17 @@ def fit_records(
     start: ModalModel | None = None,
     iterations: int = 100,
     in_loop: bool = False,
+    compared: dict[bytes, Compared] | None = None,
     report: Report = unheard,
 ) -> TimeFit:
     """Return the ModalModel behind a zero-order hold that explains records of any waveform best.
 
-    Shapes: every record's input (n, n_u) and output (n, n_y), all at `rate_hz`. Each record's initial state and
-    each output's offset are estimated with the model. `noise_order` is the order of the autoregression that whitens
-    each output's error (0: white; None: chosen by the Bayesian information criterion); with it the fit is a
-    prediction-error fit, which feedback of the noise into the input does not bias. `in_loop` says that there is such
-    feedback: starts are then compared as predictions. `blocks` and `rigid_bodies` are as in `rational.fit_rational`.
-    Raises ConfigError or DataError when the records cannot be used.
+    Shapes: every record's input (n, n_u) and output (n, n_y), all at `rate_hz`. Each record's initial state and each
+    output's offset are estimated with the model. `noise_order` is the order of the autoregression that whitens each
+    output's error (0: white; None: chosen by the Bayesian information criterion); with it the fit is a prediction-error
+    fit, which feedback of the noise into the input does not bias. `in_loop` says that there is such feedback: starts
+    are then compared as predictions. `compared` keeps where starts of the same records and structure led. `blocks` and
+    `rigid_bodies` are as in `rational.fit_rational`. Raises ConfigError or DataError when the records cannot be used.
     """
     target = _target(inputs, outputs, rate_hz)
     structure = structure or Structure()
@@ -101,9 +112,10 @@ def fit_records(
     best: TimeFit | None = None
     last: TimeFit | None = None
     worse, least = 0, np.inf
+    compared = {} if compared is None else compared
     for i, count in enumerate(wanted):
         told = part_of(report, sum(wanted[:i]) / sum(wanted), sum(wanted[: i + 1]) / sum(wanted))
-        starts = [start] if start is not None else list(_starts(target, count, structure))
+        starts = [start] if start is not None else list(starts_for(target, count, structure))
         if start is None:
             mechanical = structure.form == "mechanical"
             smaller = [one for one in (best, None if last is best else last) if one is not None]
@@ -111,8 +123,11 @@ def fit_records(
         if not starts:
             few = f"{target.values} output values give no start for {count} blocks"
             raise DataError(f"{few}; record more or ask for fewer blocks")
-        best_fit = _best_prediction if in_loop else _best_simulation
-        last, missed = best_fit(target, starts, structure, noise_order, rigid_bodies, iterations, told)
+        if in_loop:
+            last, missed = _best_prediction(target, starts, structure, noise_order, rigid_bodies, iterations, told)
+        else:
+            near = _near(target, starts, structure, rigid_bodies, iterations, compared, told)
+            last, missed = _best_of(near, target, structure, noise_order, iterations, told)
         tried.append((count, last.criterion))
         better = best is None or last.criterion < best.criterion
         best, worse = (last, 0) if better else (best, worse + 1)
@@ -163,35 +178,59 @@ def _best_prediction(
     return best, best.criterion
 
 
-def _best_simulation(
+def _near(
     target: TimeTarget,
     starts: list[ModalModel],
     structure: Structure,
-    noise_order: int | None,
     rigid_bodies: int | None,
+    iterations: int,
+    compared: dict[bytes, Compared],
+    report: Report,
+) -> list[Compared]:
+    """Return the best that any start leads to with white errors, of the best two numbers of rigid bodies allowed.
+
+    Starts are compared as simulations, with white errors: a noise model that may explain anything would flatter a
+    start that explains nothing. One that is already in `compared` is not followed again.
+    """
+    near: dict[int, Compared] = {}
+    least = np.inf
+    for i, first in enumerate(starts):
+        report(0.5 * i, len(starts), f"fitting {first.n_blocks} modes")
+        for rigid, model in _with_rigid_bodies(target, first, rigid_bodies):
+            key = pack(model).tobytes()
+            if key not in compared:
+                fit = _fit(target, model, structure, 0, iterations, _COARSE, hopeless=_HOPELESS * least)
+                compared[key] = Compared(fit.model, fit.criterion, _squared_error(target, fit))
+            one = compared[key]
+            least = min(least, one.squared_error)
+            if rigid not in near or one.criterion < near[rigid].criterion:
+                near[rigid] = one
+    # a start that has a rigid body leads to the same with none more
+    ranked = sorted({id(one): one for one in near.values()}.values(), key=lambda one: one.criterion)[:2]
+    return [one for one in ranked if one is ranked[0] or one.squared_error <= _HOPELESS * least]
+
+
+def _best_of(
+    near: Sequence[Compared],
+    target: TimeTarget,
+    structure: Structure,
+    noise_order: int | None,
     iterations: int,
     report: Report,
 ) -> tuple[TimeFit, float]:
-    """Return the best fit from any start and number of rigid bodies allowed, and the criterion with white errors.
-
-    Starts are compared as simulations, with white errors: a noise model that may explain anything would flatter a
-    start that explains nothing. Only then are the best two numbers of rigid bodies whitened.
-    """
-    near: dict[int, TimeFit] = {}
-    what = f"fitting {starts[0].n_blocks} modes"
-    for i, first in enumerate(starts):
-        report(0.5 * i, len(starts), what)
-        for rigid, model in _with_rigid_bodies(target, first, rigid_bodies):
-            fit = _fit(target, model, structure, 0, iterations, _COARSE)
-            if rigid not in near or fit.criterion < near[rigid].criterion:
-                near[rigid] = fit
-    ranked = sorted(near.values(), key=lambda fit: fit.criterion)[:2]
+    """Return the best of several fits once they are whitened, and the criterion of the first with white errors."""
     if noise_order == 0:
-        exact = _fit(target, ranked[0].model, structure, noise_order, iterations)
+        exact = _fit(target, near[0].model, structure, noise_order, iterations)
         return exact, exact.criterion
-    report(0.5, 1.0, what)  # whitening takes about as long as all the starts
-    whitened = [_fit(target, fit.model, structure, noise_order, iterations) for fit in ranked]
-    return min(whitened, key=lambda fit: fit.criterion), ranked[0].criterion
+    report(0.5, 1.0, f"fitting {near[0].model.n_blocks} modes")  # whitening takes about as long as all the starts
+    whitened = [_fit(target, one.model, structure, noise_order, iterations) for one in near]
+    return min(whitened, key=lambda fit: fit.criterion), near[0].criterion
+
+
+def _squared_error(target: TimeTarget, fit: TimeFit) -> float:
+    """Return the sum of squares of what a fit leaves, weighted by `target`, whose errors are white."""
+    errors = [y - m for y, m in zip(target.outputs, fit.outputs, strict=True)]
+    return float(sum(np.sum((e * target.whitening[:, 0]) ** 2) for e in errors))
 
 
 def _with_rigid_bodies(target: TimeTarget, model: ModalModel, wanted: int | None) -> Iterator[tuple[int, ModalModel]]:
@@ -223,56 +262,6 @@ def _target(inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -
     return TimeTarget(us, ys, float(rate_hz), 1.0 / size[:, None])
 
 
-def _starts(target: TimeTarget, blocks: int, structure: Structure) -> Iterator[ModalModel]:
-    """Yield starts from local frequency responses and from the subspace method, as far as the records allow them.
-
-    The first are better for modes far below the sample rate, the second for short records and in a loop. Where the
-    output drifts so far that all else drowns in it (a rigid body), both are repeated on differences of input and
-    output, which the same plant connects.
-    """
-    inputs, outputs = target.inputs, target.outputs
-    for _ in range(3):
-        for method in (_response_start, _subspace_start):
-            try:
-                yield method(inputs, outputs, target.rate_hz, blocks, structure)
-            except (MccdError, np.linalg.LinAlgError):
-                # the other starts remain; that none is found is told by the caller
-                continue
-        steps = tuple(np.diff(y, axis=0) for y in outputs)
-        # a white sequence grows by sqrt(2) when differenced; what shrinks to a tenth is drift
-        if all(np.max(np.std(d, axis=0) / np.std(y, axis=0)) > 0.1 for d, y in zip(steps, outputs, strict=True)):
-            return
-        inputs, outputs = tuple(np.diff(u, axis=0) for u in inputs), steps
-
-
-def _response_start(
-    inputs: tuple[Array, ...], outputs: tuple[Array, ...], rate_hz: float, blocks: int, structure: Structure
-) -> ModalModel:
-    """Return a start from the local frequency response of the longest record."""
-    longest = int(np.argmax([u.shape[0] for u in inputs]))
-    step = max(1, inputs[longest].shape[0] // 8000)
-    frf = frequency_response_local(inputs[longest], outputs[longest], rate_hz, step=step)
-    return fit_rational(
-        frf.frequency_hz,
-        frf.response,
-        blocks,
-        variance=smoothed(frf.variance, 3),
-        hold_rate_hz=rate_hz,
-        structure=structure,
-        iterations=30,
-    ).model
-
-
-def _subspace_start(
-    inputs: tuple[Array, ...], outputs: tuple[Array, ...], rate_hz: float, blocks: int, structure: Structure
-) -> ModalModel:
-    """Return a start from the subspace method, cut down to the structure."""
-    model = subspace_model(inputs, outputs, rate_hz, 2 * blocks)
-    if structure.form == "mechanical":
-        model = model.with_(b_direct=np.zeros_like(model.b_direct), c_rate=np.zeros_like(model.c_rate))
-    return model if structure.feedthrough else model.with_(d=np.zeros_like(model.d))
-
-
 def _fit(
     target: TimeTarget,
     start: ModalModel,
@@ -280,19 +269,25 @@ def _fit(
     noise_order: int | None,
     iterations: int,
     tolerance: float = 1e-8,
+    *,
+    hopeless: float = np.inf,
 ) -> TimeFit:
-    """Return the fit from one start: weighted by the errors of `target` first, then whitened by the residual's."""
+    """Return the fit from one start: weighted by the errors of `target` first, then whitened by the residual's.
+
+    One that still leaves more than is `hopeless` after a few steps is returned as it is then.
+    """
     vector, free, layout = _vector(target, start, structure)
     limit = np.concatenate([step_limit(layout), np.full(int(free[layout.size :].sum()), np.inf)])
     converged = False
     for _ in range(4):
-        vector, converged = _minimise(target, vector, free, limit, layout, iterations, tolerance)
+        vector, converged, cost = _minimise(target, vector, free, limit, layout, iterations, tolerance, hopeless)
+        given_up, hopeless = not converged and cost > hopeless, np.inf
         filters = _whitened(target, vector, layout, noise_order)
         settled = filters.shape == target.whitening.shape and np.allclose(
             filters, target.whitening, rtol=1e-3, atol=1e-3 * np.abs(filters).max()
         )
         target = replace(target, whitening=filters)
-        if settled:
+        if settled or given_up:
             break
     return _result(target, vector, free, structure, layout, converged)
 
@@ -321,8 +316,9 @@ def _minimise(
     layout: Layout,
     iterations: int,
     tolerance: float,
-) -> tuple[Array, bool]:
-    """Return the whole parameter vector at the minimum over its free part, and whether it was reached."""
+    hopeless: float,
+) -> tuple[Array, bool, float]:
+    """Return the whole parameter vector at the minimum over its free part, whether it was reached, and the cost."""
 
     def full(x: Array) -> Array:
         whole = vector.copy()
@@ -336,8 +332,8 @@ def _minimise(
     def cost(x: Array) -> float:
         return whitened_cost(target, full(x), layout)
 
-    minimum = minimise(assemble, cost, vector[free], iterations, tolerance, limit)
-    return full(minimum.parameters), minimum.converged
+    minimum = minimise(assemble, cost, vector[free], iterations, tolerance, limit, hopeless)
+    return full(minimum.parameters), minimum.converged, minimum.normal.cost
 
 
 def _at_rest(model: ModalModel, target: TimeTarget) -> ModalModel:

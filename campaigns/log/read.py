@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -83,6 +83,10 @@ class Run:
     def names(self, role: str) -> tuple[str, ...]:
         """Return the names of the channels with this role, in the order of the log."""
         return tuple(name for name, channel in self.channels.items() if channel.role == role)
+
+    def only(self, names: Collection[str]) -> Run:
+        """Return this run with these of its channels alone; what `once` finds is that of the whole run."""
+        return replace(self, channels={name: channel for name, channel in self.channels.items() if name in names})
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> Array:
         """Return samples `start` to `stop` (exclusive; default: all committed) of a channel as (n,), SI.

@@ -164,7 +164,7 @@ def _from_table(file: Path, **settings: Any) -> Identification:
 def _from_logs(runs: Sequence[Run], **settings: Any) -> Identification:
     from analysis.identification.identify import identify_runs
 
-    with progress("identifying") as report:
+    with progress("identifying", timed=False) as report:
         return identify_runs(runs, **settings, report=report, tell=lambda remark: say(f"remark: {remark}"))
 
 

@@ -91,6 +91,15 @@ def test_long_work_gets_a_line_now_and_then_with_the_time_left(capsys: pytest.Ca
     ]
 
 
+def test_a_search_that_may_end_at_any_step_tells_no_time(capsys: pytest.CaptureFixture[str]) -> None:
+    now_s = 0.0
+    report = _lines("fit", clock=lambda: now_s, timed=False)
+    for k in range(1, 11):
+        now_s = float(k)
+        report(k, 20, "step")
+    assert capsys.readouterr().err.splitlines() == ["fit: 25 % step", "fit: 50 % step"]
+
+
 def test_the_extent_of_the_work_may_be_unknown_at_first(capsys: pytest.CaptureFixture[str]) -> None:
     now_s = 0.0
     report = _lines("sweep", clock=lambda: now_s)

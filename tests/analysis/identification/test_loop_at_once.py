@@ -47,6 +47,19 @@ def test_an_open_bench_does_not_answer(waveform: str, cubic: float) -> None:
     assert not answers_at_once(fit_records([u], [y], RATE_HZ, 1), [u], [y])
 
 
+@pytest.mark.parametrize("cubic", [0.0, 0.1])
+def test_smooth_drives_that_no_filter_makes_white_do_not_answer(cubic: float) -> None:
+    """Smooth steps, then noise of a limited band, both far above the noise of the reading."""
+    move = (1.0 - np.cos(np.pi * np.arange(25) / 25)) / 2.0
+    levels = np.random.default_rng(9).uniform(-1.0, 1.0, ROWS // 50)
+    steps = [a + (b - a) * np.r_[move, np.ones(25)] for a, b in zip(np.r_[0.0, levels[:-1]], levels, strict=True)]
+    spectrum = np.fft.rfft(np.random.default_rng(8).standard_normal(ROWS))
+    spectrum[ROWS // 20 :] = 0.0
+    band = np.fft.irfft(spectrum, ROWS)
+    u, y = zip(*(_open(drive, 1e-6, cubic) for drive in (np.concatenate(steps), band / band.std())), strict=True)
+    assert not answers_at_once(fit_records(u, y, RATE_HZ, 1, rigid_bodies=None), u, y)
+
+
 def test_a_loop_answers() -> None:
     record = loop_at_once()
     fit = fit_records([record.drives], [record.readings], record.rate_hz, 1, rigid_bodies=None)

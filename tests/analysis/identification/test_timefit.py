@@ -3,6 +3,7 @@ import pytest
 from scipy import signal
 from scipy.stats import binom
 
+import analysis.identification.timefit
 from analysis.identification.modal_parameters import Structure, layout_of, pack
 from analysis.identification.time_residual import TimeTarget, time_normal_equations, whitened_cost
 from analysis.identification.timefit import fit_records
@@ -49,6 +50,28 @@ def test_gradient_matches_finite_differences(rng, plant):
         rounding = 1e-15 * normal.cost / step[i]
         # a central difference is off by the squared ratio of the step to the width of a resonance, times a few
         assert normal.gradient[i] == pytest.approx((up - down) / (4.0 * step[i]), rel=5e-5, abs=100.0 * rounding)
+
+
+def test_starts_that_were_compared_are_not_followed_again(rng, monkeypatch):
+    u = rng.normal(size=(600, 1))
+    y, _ = _simulate(_one_mode(), u, np.zeros((1, 2)))
+    y = y + 0.05 * y.std() * rng.normal(size=y.shape)
+    taken, minimise = [], analysis.identification.timefit.minimise
+
+    def counted(*given):
+        found = minimise(*given)
+        taken.append(found.iterations)
+        return found
+
+    monkeypatch.setattr(analysis.identification.timefit, "minimise", counted)
+    compared, fits, steps = {}, [], []
+    for _ in range(2):
+        taken.clear()
+        fits.append(fit_records([u], [y], RATE, 2, compared=compared))
+        steps.append(list(taken))
+    assert fits[0].criterion == fits[1].criterion
+    assert steps[0][len(steps[0]) - len(steps[1]) :] == steps[1]  # the last steps, with coloured noise
+    assert sum(steps[1]) < 0.5 * sum(steps[0])
 
 
 def test_short_records_with_transients_are_calibrated(rng):
