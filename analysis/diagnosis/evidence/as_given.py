@@ -11,14 +11,20 @@ from analysis.diagnosis.nominal.responses import played, simulate
 from analysis.diagnosis.records.dataset import Dataset, Record
 from sim_backend.assembly import places_of, retuned, stated, transducers_of
 from sim_backend.effects.base import Site
+from sim_backend.effects.sensor_offset import SensorOffset
 from sim_backend.linear import Array
 from sim_backend.model import Model
 from sim_backend.replay import replay
 
 
 def left_as_given(model: Model, record: Record, rate_hz: float) -> Array:
-    """Return what a model, played from rest, leaves of a record (n, n_y); not finite where it runs away."""
-    effects, places = stated(model.effects), places_of(model)
+    """Return what a model, played from rest, leaves of a record (n, n_y); not finite where it runs away.
+
+    A zero that was fitted to this very record is as unknown as its start: see `with_free_zeros`.
+    """
+    places = places_of(model)
+    unknown = {places.outputs[o] for o in record.free_zeros}
+    effects = [e for e in stated(model.effects) if not (isinstance(e, SensorOffset) and e.where in unknown)]
     linear = retuned(model.linear(), effects, places)
     if all(effect.site is Site.MODEL for effect in effects):
         return record.left_by(simulate(played(linear, rate_hz), record.u))

@@ -90,10 +90,13 @@ def beside_states(model: DiscreteModel, record: Record) -> Array:
 
 
 def _basis(columns: Array, scale: Array) -> tuple[Array, Array]:
-    """Return an orthonormal basis (rows, k) of columns (rows, c) of some `scale`, and what gives them back (c, k)."""
+    """Return an orthonormal basis (rows, k) of columns (rows, c) of some `scale`, and what gives them back (c, k).
+
+    A column that is far below its scale is the rounding of one that another basis spans.
+    """
     scale = np.where(scale > 0.0, scale, 1.0)
     left, size, right = np.linalg.svd(columns / scale, full_matrices=False)
-    keep = size > _NEGLIGIBLE * np.max(size, initial=1e-300)
+    keep = size > _NEGLIGIBLE * np.max(size, initial=1.0)
     return left[:, keep], (right[keep].T / size[keep]) / scale[:, None]
 
 

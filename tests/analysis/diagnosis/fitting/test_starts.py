@@ -57,3 +57,13 @@ def test_commands_from_before_a_record_are_part_of_its_start(late: float) -> Non
     left = y - simulate(played(linear, RATE_HZ), record.u)
     (rest,) = without_starts(data, linear, Whitener(np.array([[1e6]]), True), [left])
     assert np.max(np.abs(rest)) < 1e-9 * np.max(np.abs(left))
+
+
+def test_the_zero_of_a_free_axis_is_no_more_than_where_it_begins() -> None:
+    """A free axis may rest anywhere: beside that its zero adds nothing, and is not made of rounding."""
+    one = linear_model()
+    free = one.with_(omega_rad_s=np.zeros_like(one.omega_rad_s), sigma_1_s=np.full_like(one.sigma_1_s, 0.35))
+    data = Dataset(RATE_HZ, (Record("r", drive(800), np.zeros((800, 1)), (Window("all", 0, 800),), free_zeros=(0,)),))
+    offset = np.full((800, 1), 1e-3)
+    (rest,) = without_starts(data, free, Whitener(np.array([[1e6]]), True), [offset])
+    assert np.max(np.abs(rest)) < 1e-9 * np.max(np.abs(offset))
