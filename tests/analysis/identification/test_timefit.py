@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -56,15 +58,18 @@ def test_starts_that_were_compared_are_not_followed_again(rng, monkeypatch):
     u = rng.normal(size=(600, 1))
     y, _ = _simulate(_one_mode(), u, np.zeros((1, 2)))
     y = y + 0.05 * y.std() * rng.normal(size=y.shape)
-    taken, minimise = [], analysis.identification.timefit.minimise
+    taken: list[int] = []
+    module: Any = analysis.identification.timefit
+    minimise = module.minimise
 
     def counted(*given):
         found = minimise(*given)
         taken.append(found.iterations)
         return found
 
-    monkeypatch.setattr(analysis.identification.timefit, "minimise", counted)
-    compared, fits, steps = {}, [], []
+    monkeypatch.setattr(module, "minimise", counted)
+    compared: dict[Any, Any] = {}
+    fits, steps = [], []
     for _ in range(2):
         taken.clear()
         fits.append(fit_records([u], [y], RATE, 2, compared=compared))
