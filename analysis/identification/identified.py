@@ -214,7 +214,10 @@ def _gains(fitted: Fitted, inputs: list[Port], outputs: list[Port]) -> tuple[Sta
 
 
 def sensor_zeros(offsets: Array, outputs: list[Port], source: str) -> list[EffectEntry]:
-    """Return the operating point of each output as an effect: a bench of others counts from a zero of its own."""
+    """Return the operating point of each output as an effect: a bench of others counts from a zero of its own.
+
+    `offsets` is (realisations, n_y).
+    """
     mean = offsets.mean(axis=0)
     std = offsets.std(axis=0, ddof=1) / np.sqrt(offsets.shape[0]) if offsets.shape[0] > 1 else None
     return [

@@ -30,7 +30,7 @@ follows in a long record of what is not linear, because no filter whitens an exc
 
 
 _ALIKE = 1.0
-"""Sum of the squared autocorrelations, over so many lags, up to which what is left of an input is new.
+"""Sum of the squared autocorrelations, over so many lags, up to which the innovation of an input is new.
 
 Above it a sample's neighbours hold more of it than it does itself, and what the past of an input holds of a residual
 shows in the inputs to come as well. No filter whitens noise of a limited band or smooth steps.
