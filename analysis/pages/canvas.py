@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import re
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from typing import TYPE_CHECKING, Any
@@ -198,7 +198,15 @@ class Canvas:
                 text.set_parse_math(False)
 
     def legend_above(self, i: int, columns: int = 3) -> None:
-        """Show the legend of panel `i` above its axes, beside the title, where it covers no curve."""
+        """Show the legend of panel `i` above its axes, beside the title, where it covers no curve.
+
+        It has at most so many columns, fewer where it would reach into the title.
+        """
+        labels, title = self.axes[i].get_legend_handles_labels()[1], self._titles.get(i, "")
+        if title:
+            whole_em = _OF_CELL * 72.0 * self.size[0] / self.columns / float(self._style["legend.fontsize"])
+            beside_em = whole_em - _LETTER_EM * len(title)
+            columns = next((n for n in range(columns, 1, -1) if _legend_em(labels, n) < beside_em), 1)
         self.legend(i, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=columns, borderpad=0.0, columnspacing=1.0)
 
     def legend_outside(self, columns: int = 4) -> None:
@@ -306,6 +314,13 @@ class Canvas:
                 }
             )
         )
+
+
+def _legend_em(labels: Sequence[str], columns: int) -> float:
+    """Return the width of a legend of some columns, each as wide as its longest label and what stands before it."""
+    rows = -(-len(labels) // columns)
+    parts = [labels[k : k + rows] for k in range(0, len(labels), max(rows, 1))]
+    return sum(_LETTER_EM * max(map(len, part)) + _HANDLE_EM for part in parts)
 
 
 def _plain_ticks(axes: Axes) -> None:

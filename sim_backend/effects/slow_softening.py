@@ -35,7 +35,7 @@ class SlowSoftening(Effect):
     name = "slow-softening"
     family = "structure"
     site = Site.STRUCTURE
-    symptom = "is a stiffness that falls with the level of the motion, at any phase of it, with no more damping"
+    symptom = "is that of a mode that gets softer the more it moves, and is damped no more than before"
     n_state = 2
     step = _step
 

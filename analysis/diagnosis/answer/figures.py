@@ -154,7 +154,7 @@ def categories(name: str, domain: Domain, model: Model) -> tuple[str, ...]:
 
 def level_label(name: str) -> str:
     """Return what the levels of a domain are."""
-    return "share that follows ÷ noise" if name == "cross-axis" else "residual ÷ noise"
+    return "what follows ÷ noise" if name == "cross-axis" else "residual ÷ noise"
 
 
 def is_steep(domain: Domain) -> bool:
@@ -172,7 +172,7 @@ def _drawn(name: str, first: Domain, second: Domain | None, model: Model) -> Can
         _as_curves(canvas, first, second, factor)
         if name == "frequency":
             canvas.axes[0].set_xscale("log")
-    _floor(canvas, first)
+    _floor(canvas, first, second)
     canvas.legend_above(0)
     return canvas
 
@@ -192,10 +192,10 @@ def _as_bars(canvas: Canvas, first: Domain, second: Domain | None, names: Sequen
     canvas.axes[0].grid(axis="x", visible=False)
 
 
-def _floor(canvas: Canvas, first: Domain) -> None:
+def _floor(canvas: Canvas, first: Domain, second: Domain | None) -> None:
     axes: Axes = canvas.axes[0]
     level = float(np.mean(first.floor))
-    top = max(float(np.max(first.level)), level)
+    top = max(level, *(float(np.max(curve.level)) for curve in (first, second) if curve is not None))
     if is_steep(first):
         axes.set_yscale("log")
         from matplotlib.ticker import FuncFormatter  # see `analysis.pages.canvas`

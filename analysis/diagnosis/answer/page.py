@@ -26,8 +26,9 @@ from analysis.diagnosis.answer.sentence import SIGNIFICANT, advice, surety
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import model_rms
 from analysis.diagnosis.noise.estimate import whitener_from
+from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.records.loading import Source
-from analysis.diagnosis.result import Diagnosis, Domain, Visible
+from analysis.diagnosis.result import Cause, Diagnosis, Domain, Visible
 from analysis.diagnosis.verdict.held_out import ABOVE_NOISE
 from analysis.pages.environment import page_environment
 from analysis.pages.explorer import Explorer
@@ -45,9 +46,12 @@ if TYPE_CHECKING:
 
     from analysis.diagnosis.evidence.chop_gain import ChopGain
 
+_FEW = 3
+"""Up to so many causes of one kind stand side by side in a table, more below each other."""
+
 HEADLINES = {
     "consistent": "Model and data agree",
-    "named": "The model lacks what is named here",
+    "named": "The model lacks a known effect",
     "ambiguous": "The model is wrong; several causes would explain it",
     "unknown": "The model is wrong; no effect in the library explains it",
 }
@@ -141,6 +145,9 @@ def render(
         .render(
             diagnosis=diagnosis,
             headline=HEADLINES[diagnosis.verdict],
+            recorded=_recorded(diagnosis.data),
+            kinds=_kinds(diagnosis.causes),
+            few=_FEW,
             model=model,
             sources=sources,
             domains=domains,
@@ -190,7 +197,8 @@ def _drawings(diagnosis: Diagnosis, model: Model, files: dict[str, str]) -> tupl
     whitener = whitener_from(data, list(diagnosis.after))
     longest = max(r.n for r in data.records)
     noise_rms = model_rms(whitener, longest)
-    after = evidence(data, diagnosis.after, whitener, model)
+    # both curves in one noise: where it is known better before, that after it would make another figure of the same
+    after = evidence(data, diagnosis.after, diagnosis.noise or whitener, model)
     output = opening_output(data, before, diagnosis.after, noise_rms)
     figures = Figures(
         opening=_those(opening_figure(data, before, diagnosis.after, noise_rms, model)),
@@ -218,6 +226,43 @@ def _improved(diagnosis: Diagnosis) -> bool:
 
 def _those(*figures: Drawn | None) -> tuple[Drawn, ...]:
     return tuple(figure for figure in figures if figure is not None)
+
+
+def _recorded(data: Dataset) -> str:
+    """Return in words how much was judged: samples, rate, outputs, and how many samples were held out."""
+    samples = sum(w.stop - w.start for r in data.records for w in r.windows)
+    held = sum(w.stop - w.start for r in data.records for w in r.windows if w.held_out)
+    outputs = f"{data.n_outputs} output{'' if data.n_outputs == 1 else 's'}"
+    return f"{samples:,} samples at {quantity(data.rate_hz, 'Hz')}, {outputs}, {share(held / max(samples, 1))} held out"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Causes of one effect and what tells them, told together where there are many; `known` where one number is."""
+
+    effect: str
+    why: str
+    causes: tuple[Cause, ...]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Return the names of the parameters of all."""
+        return tuple(dict.fromkeys(name for cause in self.causes for name in cause.parameters))
+
+    def undetermined(self) -> list[str]:
+        """Return where no number of a cause is three standard deviations from zero."""
+        return [
+            cause.where
+            for cause in self.causes
+            if cause.parameters and not any(abs(p.value) >= 3.0 * p.std for p in cause.parameters.values())
+        ]
+
+
+def _kinds(causes: Sequence[Cause]) -> list[Kind]:
+    alike: dict[tuple[str, str, float], list[Cause]] = {}
+    for cause in causes:
+        alike.setdefault((cause.effect, cause.why, cause.probability), []).append(cause)
+    return [Kind(effect, why, tuple(own)) for (effect, why, _), own in alike.items()]
 
 
 def _by_effect(seen: Sequence[Visible]) -> dict[str, list[Visible]]:

@@ -12,6 +12,7 @@ from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
 from analysis.pages.formats import readable, without_exponents
 from analysis.pages.quantities import certainty, chance, share
+from sim_backend.modes import is_mode
 
 SIGNIFICANT = 1e-3
 """Evidence with a larger p-value, counted over all curves of its domain, is not spoken of."""
@@ -104,7 +105,8 @@ def _verdict(
         lives = _where_it_lives(evidence)
         return f"The simulation is wrong, and no effect in the library explains how{lives}{_missed(gain)}."
     listed = _listed(causes)
-    sure = f" (probability {certainty(min((c.probability for c in causes), default=0.0))})"
+    sure = f" (probability {certainty(min((c.probability for c in causes), default=0.0))}"
+    sure += " each)" if len(causes) > 1 else ")"
     if verdict == "ambiguous":
         choice = " or ".join(", ".join(group) for group in tied)
         start = f"The simulation lacks {listed}{sure}, and" if listed else "The simulation is wrong, but"
@@ -114,14 +116,14 @@ def _verdict(
 
 
 def _listed(causes: Sequence[Cause]) -> str:
-    """Return what the causes are and where, each kind once; of many locations the first and the last."""
+    """Return what the causes are and where, each kind once; of many locations how many they are."""
     places: dict[str, list[str]] = {}
     for cause in causes:
         places.setdefault(cause.effect, []).append(cause.where)
     parts = []
     for effect, where in places.items():
         if len(where) > _MANY:
-            parts.append(f"{effect} at {len(where)} locations from {where[0]} to {where[-1]}")
+            parts.append(f"{effect} at {len(where)} {'modes' if all(map(is_mode, where)) else 'locations'}")
         else:
             parts.append(f"{effect} at {' and '.join(filter(None, (', '.join(where[:-1]), where[-1])))}")
     return (", and " if len(parts) < len(causes) else " and ").join(parts)
@@ -235,9 +237,18 @@ def _capitalised(note: str) -> str:
 
 
 def _how(diagnosis: Diagnosis) -> list[str]:
-    said = [f"{c.effect} at {c.where}: {certainty(c.probability)} probable." for c in diagnosis.causes]
+    alike: dict[tuple[str, str], list[Cause]] = {}
+    for cause in diagnosis.causes:
+        alike.setdefault((cause.effect, certainty(cause.probability)), []).append(cause)
+    said = [
+        f"{_listed(causes)}: {'each ' if len(causes) > 1 else ''}{sure} probable."
+        for (_, sure), causes in alike.items()
+    ]
     if said:
-        said.append("In blind trials on simulated benches that share of the names with evidence as strong was right.")
+        said.append(
+            "That is the share of right names among those with evidence as strong, in blind trials on simulated "
+            "benches. No single record makes a name surer."
+        )
     if diagnosis.verdict == "ambiguous":
         said.append("That the model is wrong is sure; these data do not show which of the tied causes it is.")
     least = least_by_chance(diagnosis.evidence)
@@ -267,7 +278,11 @@ def _rival(diagnosis: Diagnosis) -> tuple[bool, str]:
     power = math.floor(-evidence / math.log(10.0))
     far = power > _FAR_LESS
     times = f"10{_superscript(power)}" if far else readable(math.exp(max(-evidence, 0.0)))
-    return far, f"The next best explanation, {name or 'nothing added'}, makes the data {times} times less likely."
+    only = ", if the noise is as assumed and one of them is true" if far else ""
+    return far, (
+        f"Of the explanations compared, the next best, {name or 'nothing added'}, makes the data {times} times less "
+        f"likely{only}."
+    )
 
 
 def _superscript(n: int) -> str:

@@ -287,8 +287,7 @@ def _direction(s: _Series) -> Domain:
     means = np.array([np.mean(s.w[index == k]) for k in (0, 1)])
     found = Binned(index, count, square, np.array([-1.0, 1.0]), np.array([-1.0, 0.0, 1.0]))
     p = _both(_energy_test(square, count.astype(float), s.noise_rows), _mean_p(s, s.rate, found, s.noise_rows))
-    way = "up" if abs(means[1]) > abs(means[0]) else "down"
-    what = f"{s.port.dof} moving {way}: mean {means[1]:+.2g} moving up, {means[0]:+.2g} moving down"
+    what = f"{s.port.dof}, mean in units of the noise {means[1]:+.2g} moving up and {means[0]:+.2g} moving down"
     return _domain(s, found.centre, "sign of the rate", np.sqrt(square), p, what)
 
 
@@ -325,7 +324,10 @@ def _cross_axis(o: int, joined: Sequence[_Series]) -> Domain:
         p_values[i] = max(against_noise, float(np.mean(shifted >= shifted[0])))
     i = int(np.argmin(p_values))
     floor = np.full(len(others), np.sqrt(3.0 / s.w.size))
-    where = f"{s.port.dof} following {joined[others[i]].port.dof}: {100.0 * explained[i]:.3g} % of the noise"
+    where = (
+        f"{s.port.dof}: what follows {joined[others[i]].port.dof} is {explained[i]:.2g} times the noise, by chance "
+        f"{floor[i]:.2g}"
+    )
     p = min(1.0, float(np.min(p_values)) * len(others))
     return Domain(s.run, s.port.dof, np.array(others, dtype=float), "number of the axis", explained, floor, p, where)
 

@@ -5,18 +5,20 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from analysis.diagnosis.answer.figures import bode_figure, swing_rows
+from analysis.diagnosis.answer.figures import bode_figure, evidence_figures, swing_rows
 from analysis.diagnosis.answer.mechanism import SEEN, Quantity, drawn_over, explained, mechanism_figure
 from analysis.diagnosis.answer.opening import opening_figure, opening_output
 from analysis.diagnosis.answer.page import write_page
 from analysis.diagnosis.answer.sentence import surety
 from analysis.diagnosis.evidence.as_given import error_as_given
+from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
-from analysis.diagnosis.result import Cause, Diagnosis, Domain, Gain, Remainder
+from analysis.diagnosis.result import Cause, Diagnosis, Domain, Estimate, Gain, Remainder
 from sim_backend.effects import make_effect
 from sim_backend.model import EffectEntry, Mode, Model, Port
 
@@ -238,7 +240,9 @@ def test_why_an_answer_is_not_surer_is_told_beside_it():
     )
     told = surety(more)
     assert told.how[0] == f"coulomb-friction at x: {100.0 * found.causes[0].probability:.0f} % probable."
-    assert told.why_not[0] == "The next best explanation, backlash, makes the data 50 times less likely."
+    assert told.why_not[0] == (
+        "Of the explanations compared, the next best, backlash, makes the data 50 times less likely."
+    )
     assert "6.00 % of the squared error" in told.why_not[1] and "p = 1·10⁻⁹" in told.why_not[1]
     assert told.why_not[2].startswith("No segment was held out")
     assert told.why_not[3] == "The noise is taken from the residual"
@@ -330,3 +334,38 @@ def test_the_tiles_say_what_the_headline_says(tmp_path, verdict, ci95, shown, mi
         assert text in tiles, text
     for text in missing:
         assert text not in tiles, text
+
+
+def test_many_causes_of_one_kind_stand_in_one_table_and_those_that_no_number_shows_are_told(tmp_path):
+    found, *_ = diagnosed("cubic-stiffness", rows=4000)
+    sure, unsure = {"softening": Estimate(0.02, 0.001, "1")}, {"softening": Estimate(0.02, 0.01, "1")}
+    causes = tuple(
+        Cause("slow-softening", f"mode {k}", 0.999, unsure if k == 3 else sure, "it softens") for k in range(1, 6)
+    )
+    page = write_page(dataclasses.replace(found, causes=causes), axis(), (), tmp_path)["index.html"].read_text()
+    part = page[page.index('<section id="causes">') :]
+    part = part[: part.index("</section>")]
+    assert part.count("<table>") == 1 and part.count("it softens") == 1 and part.count("mode 3") == 3
+    assert "At mode 3 no number is three standard deviations from zero" in part
+    assert "slow-softening at 5 modes: each " in page
+
+
+def test_both_curves_of_the_evidence_are_in_one_noise(tmp_path):
+    """Halved, a residual is half as high everywhere; in a noise that is estimated from it, it would be as high."""
+    found, *_ = diagnosed("cubic-stiffness", rows=4000)
+    half = tuple(0.5 * left for left in found.before)
+    shown = evidence(found.data, found.before, white(), axis())
+    write_page(dataclasses.replace(found, after=half, evidence=shown, noise=white()), axis(), (), tmp_path)
+    drawn = pd.read_csv(tmp_path / "figures" / "evidence-frequency.csv")
+    levels = {name: rows.y.to_numpy() for name, rows in drawn.groupby("series")}
+    assert levels["extended"] == pytest.approx(0.5 * levels["adjusted"], rel=1e-6)
+
+
+def test_a_curve_that_is_worse_beside_the_extension_is_within_the_axis():
+    found, *_ = diagnosed("cubic-stiffness", rows=4000)
+    quiet = tuple(0.5 * NOISE_RAD / np.std(left) * left for left in found.before)
+    (curve,) = evidence(found.data, quiet, white(), axis())["direction"]
+    (figure,) = evidence_figures(
+        {"direction": (curve,)}, {"direction": (dataclasses.replace(curve, level=3.0 * curve.level),)}, axis()
+    )
+    assert figure.canvas.axes[0].get_ylim()[1] > 3.0 * np.max(curve.level)
