@@ -272,7 +272,7 @@ def diagnose(
         sensitivity=sensitivity_of(found, model),
         linear_std=deviations(linear, setting.nuisances, best.change_std * np.sqrt(judgement.inflation)),
         zeros=_zeros(setting, best),
-        noise=floor,
+        even=setting.whitener.even > 0.0,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,9 +12,6 @@ from analysis.diagnosis.calibration import calibrated
 from analysis.diagnosis.records.dataset import Dataset
 from sim_backend.effects.base import Effect
 from sim_backend.linear import Array, ModalModel
-
-if TYPE_CHECKING:
-    from analysis.diagnosis.noise.whitener import Whitener
 
 Verdict = Literal["consistent", "named", "ambiguous", "unknown"]
 
@@ -185,8 +182,9 @@ class Diagnosis:
     hypotheses with their evidence relative to the best (natural logarithm), best first. `linear_std` holds the standard
     deviations of the adjusted numbers in the shapes of `linear` (a ModalModel used as a container), where known.
     `sensitivity` lists every effect that may be added to those found; empty where the error is not weighed by noise.
-    `zeros` states how far each output's zero, fitted to the same runs, is off, with its standard deviation. `evidence`
-    is in units of `noise`, where that is known.
+    `zeros` states how far each output's zero, fitted to the same runs, is off, with its standard deviation. Where the
+    model is wrong by many times the noise, every sample counts alike (`even`), and the noise that `evidence` is in
+    units of is estimated from `before`; elsewhere from `after`.
     """
 
     verdict: Verdict
@@ -208,4 +206,4 @@ class Diagnosis:
     remainder: Remainder | None = None
     sensitivity: tuple[Visible, ...] = ()
     zeros: Mapping[int, tuple[float, float]] = field(default_factory=dict)
-    noise: Whitener | None = None
+    even: bool = False

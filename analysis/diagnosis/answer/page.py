@@ -197,8 +197,8 @@ def _drawings(diagnosis: Diagnosis, model: Model, files: dict[str, str]) -> tupl
     whitener = whitener_from(data, list(diagnosis.after))
     longest = max(r.n for r in data.records)
     noise_rms = model_rms(whitener, longest)
-    # both curves in one noise: where it is known better before, that after it would make another figure of the same
-    after = evidence(data, diagnosis.after, diagnosis.noise or whitener, model)
+    floor = whitener_from(data, list(before)) if diagnosis.even else whitener  # both curves in one noise
+    after = evidence(data, diagnosis.after, floor, model)
     output = opening_output(data, before, diagnosis.after, noise_rms)
     figures = Figures(
         opening=_those(opening_figure(data, before, diagnosis.after, noise_rms, model)),
@@ -238,7 +238,7 @@ def _recorded(data: Dataset) -> str:
 
 @dataclass(frozen=True)
 class Kind:
-    """Causes of one effect and what tells them, told together where there are many; `known` where one number is."""
+    """Causes of one effect, and the sentence that they share."""
 
     effect: str
     why: str

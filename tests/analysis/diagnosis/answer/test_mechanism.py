@@ -16,6 +16,7 @@ from analysis.diagnosis.answer.page import write_page
 from analysis.diagnosis.answer.sentence import surety
 from analysis.diagnosis.evidence.as_given import error_as_given
 from analysis.diagnosis.evidence.domains import evidence
+from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.result import Cause, Diagnosis, Domain, Estimate, Gain, Remainder
@@ -354,8 +355,8 @@ def test_both_curves_of_the_evidence_are_in_one_noise(tmp_path):
     """Halved, a residual is half as high everywhere; in a noise that is estimated from it, it would be as high."""
     found, *_ = diagnosed("cubic-stiffness", rows=4000)
     half = tuple(0.5 * left for left in found.before)
-    shown = evidence(found.data, found.before, white(), axis())
-    write_page(dataclasses.replace(found, after=half, evidence=shown, noise=white()), axis(), (), tmp_path)
+    shown = evidence(found.data, found.before, whitener_from(found.data, list(found.before)), axis())
+    write_page(dataclasses.replace(found, after=half, evidence=shown, even=True), axis(), (), tmp_path)
     drawn = pd.read_csv(tmp_path / "figures" / "evidence-frequency.csv")
     levels = {name: rows.y.to_numpy() for name, rows in drawn.groupby("series")}
     assert levels["extended"] == pytest.approx(0.5 * levels["adjusted"], rel=1e-6)
