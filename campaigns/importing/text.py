@@ -306,6 +306,8 @@ class TextSource:
             kept = kept and sum(8 * count for some in kinds.values() if _common(some) is not None) <= KEPT_BYTES
             found = [*found, frame[[i for i, some in kinds.items() if _common(some) is not None]]] if kept else []
         types = {i: kind for i, some in kinds.items() if (kind := _common(some)) is not None}
+        if not types:  # asked for no column, pandas takes all lines at once
+            return {}
         columns = {i: np.empty(count, kind) for i, kind in types.items()}
         done = 0
         for frame in found if kept else self._frames(usecols=list(types)):

@@ -134,7 +134,7 @@ def test_paused_and_resumed_equals_uninterrupted(file, tmp_path):
     assert bytes_of(tmp_path / "parts") == after
 
 
-@pytest.mark.parametrize("at", ["playing hold +++", "playing chop", "playing 30 Hz"])
+@pytest.mark.parametrize("at", ["playing hold +++", "playing chop 2", "playing 30 Hz"])
 def test_killed_and_resumed_equals_uninterrupted(file, tmp_path, at):
     play(file, tmp_path / "whole")
     command = [sys.executable, "-m", "tests.campaigns.playing.slow_run", "campaign", str(file), str(tmp_path / "parts")]
