@@ -60,6 +60,9 @@ _STAMP_IN = 5.6
 _HANDLE_EM = 4.2
 """Room that a legend's entry takes beside its letters, in units of their size."""
 
+_ENTRY_EM, _GAP_EM = 3.8, 1.0
+"""Handle, pad and gap of each column of a legend above a panel, of which the gap is not beside the last."""
+
 MOST_LAYOUTS = 8
 """How often a figure is laid out at most; axes of a fixed shape take three times."""
 
@@ -204,9 +207,10 @@ class Canvas:
         """
         labels, title = self.axes[i].get_legend_handles_labels()[1], self._titles.get(i, "")
         if title:
-            whole_em = _OF_CELL * 72.0 * self.size[0] / self.columns / float(self._style["legend.fontsize"])
-            beside_em = whole_em - _LETTER_EM * len(title)
-            columns = next((n for n in range(columns, 1, -1) if _legend_em(labels, n) < beside_em), 1)
+            whole_pt = _OF_CELL * 72.0 * self.size[0] / self.columns
+            beside_pt = whole_pt - _width_pt(title, float(self._style["axes.titlesize"]))
+            letter_pt = float(self._style["legend.fontsize"])
+            columns = next((n for n in range(columns, 1, -1) if _legend_pt(labels, n, letter_pt) < beside_pt), 1)
         self.legend(i, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=columns, borderpad=0.0, columnspacing=1.0)
 
     def legend_outside(self, columns: int = 4) -> None:
@@ -316,11 +320,20 @@ class Canvas:
         )
 
 
-def _legend_em(labels: Sequence[str], columns: int) -> float:
+def _width_pt(text: str, letter_pt: float) -> float:
+    """Return the width of a text in the letters of figures."""
+    from matplotlib.font_manager import FontProperties  # see `Canvas`
+    from matplotlib.textpath import text_to_path
+
+    return float(text_to_path.get_text_width_height_descent(text, FontProperties(size=letter_pt), False)[0])
+
+
+def _legend_pt(labels: Sequence[str], columns: int, letter_pt: float) -> float:
     """Return the width of a legend of some columns, each as wide as its longest label and what stands before it."""
-    rows = -(-len(labels) // columns)
-    parts = [labels[k : k + rows] for k in range(0, len(labels), max(rows, 1))]
-    return sum(_LETTER_EM * max(map(len, part)) + _HANDLE_EM for part in parts)
+    rows = max(-(-len(labels) // columns), 1)
+    parts = [labels[k : k + rows] for k in range(0, len(labels), rows)]
+    widest_pt = [max(_width_pt(label, letter_pt) for label in part) for part in parts]
+    return sum(widest_pt) + letter_pt * (_ENTRY_EM * len(parts) - _GAP_EM)
 
 
 def _plain_ticks(axes: Axes) -> None:

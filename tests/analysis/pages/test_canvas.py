@@ -225,3 +225,18 @@ def test_the_stamp_lies_below_all_labels(size, aspect):
     top_px = foot.get_window_extent().y1
     # three points (72 to an inch) are matplotlib's own distance between neighbours
     assert all(axes.xaxis.label.get_window_extent().y0 > top_px + 3.0 for axes in canvas.axes)
+
+
+@pytest.mark.parametrize("title", ("θx", "point_3", "a long name of axis"))
+def test_a_legend_above_a_panel_leaves_the_title_free(title: str) -> None:
+    canvas = Canvas("legend", "", rows=2, size=(4.8, 3.9))
+    axes = canvas.panel(0, title, "", "position (µm)")
+    for name in ("measured", "as given", "adjusted", "extended"):
+        canvas.line(0, name, np.arange(5.0), np.arange(5.0))
+    canvas.legend_above(0, 4)
+    drawn = FigureCanvasAgg(canvas.figure)
+    drawn.draw()
+    legend = axes.get_legend()
+    (name_of_panel,) = (text for text in axes.get_children() if isinstance(text, Text) and text.get_text() == title)
+    assert legend is not None
+    assert not legend.get_window_extent().overlaps(name_of_panel.get_window_extent())
