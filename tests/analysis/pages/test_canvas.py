@@ -234,8 +234,8 @@ def test_a_legend_above_a_panel_leaves_the_title_free(title: str) -> None:
     for name in ("measured", "as given", "adjusted", "extended"):
         canvas.line(0, name, np.arange(5.0), np.arange(5.0))
     canvas.legend_above(0, 4)
-    drawn = FigureCanvasAgg(canvas.figure)
-    drawn.draw()
+    canvas.svg()  # small letters are enlarged there
+    FigureCanvasAgg(canvas.figure).draw()
     legend = axes.get_legend()
     (name_of_panel,) = (text for text in axes.get_children() if isinstance(text, Text) and text.get_text() == title)
     assert legend is not None
