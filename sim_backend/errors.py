@@ -37,9 +37,18 @@ class MccdWarning(UserWarning):
     """Something that a user should know and results do not suffer from; the command line shows it as one line."""
 
 
+_LEAST_BEGUN = 2
+"""Letters of a beginning that says nothing yet."""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return "did you mean 'x'? " for the known name that is nearest to `name`, or nothing where none is near."""
+    """Return "did you mean 'x'? " for the known name that is nearest to `name`, or nothing where none is near.
+
+    A name is also near whose beginning was typed.
+    """
     from difflib import get_close_matches  # only errors need it
 
-    near = get_close_matches(name, list(known), n=1)
+    names = list(known)
+    begun = sorted((k for k in names if len(name) > _LEAST_BEGUN and k.startswith(name)), key=len)
+    near = get_close_matches(name, names, n=1) or begun
     return f"did you mean '{near[0]}'? " if near else ""
