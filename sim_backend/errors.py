@@ -41,14 +41,16 @@ _LEAST_BEGUN = 2
 """Letters of a beginning that says nothing yet."""
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return "did you mean 'x'? " for the known name that is nearest to `name`, or nothing where none is near.
-
-    A name is also near whose beginning was typed.
-    """
+def nearest(name: str, known: Iterable[str], most: int) -> list[str]:
+    """Return the known names that are nearest to `name`, or else those whose beginning it is, at most so many."""
     from difflib import get_close_matches  # only errors need it
 
     names = list(known)
     begun = sorted((k for k in names if len(name) > _LEAST_BEGUN and k.startswith(name)), key=len)
-    near = get_close_matches(name, names, n=1) or begun
+    return (get_close_matches(name, names, n=most) or begun)[:most]
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return "did you mean 'x'? " for the known name that is nearest to `name`, or nothing where none is near."""
+    near = nearest(name, known, 1)
     return f"did you mean '{near[0]}'? " if near else ""

@@ -52,7 +52,7 @@ from sim_backend.effects.stiffness_shift import StiffnessShift
 from sim_backend.effects.thermal_stiffness_drift import ThermalStiffnessDrift
 from sim_backend.effects.vibration_line import VibrationLine
 from sim_backend.effects.viscoelastic_creep import ViscoelasticCreep
-from sim_backend.errors import ConfigError
+from sim_backend.errors import ConfigError, nearest
 from sim_backend.plugins import load_plugin, plugin_names, refusal
 
 EFFECTS: tuple[type[Effect], ...] = (
@@ -134,9 +134,7 @@ def effect_class(name: str) -> type[Effect]:
         return _BY_NAME[name]
     known = (*_BY_NAME, *plugin_names("effects", _BY_NAME))
     if name not in known:
-        from difflib import get_close_matches
-
-        near = get_close_matches(name, known, n=3)
+        near = nearest(name, known, 3)
         fix = f"did you mean {', '.join(near)}?" if near else "`mccd model effects` lists them"
         raise ConfigError(f"there is no effect '{name}'; {fix}")
     return _of_a_package(name)

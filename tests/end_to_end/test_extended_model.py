@@ -99,7 +99,7 @@ def test_the_extended_model_is_simulated_and_judged_again(home: Path, tmp_path: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", (0, pytest.param(1, marks=pytest.mark.thorough)))
+@pytest.mark.parametrize("seed", (0, 1))
 def test_the_true_model_of_a_nonlinear_bench_is_consistent_and_one_without_its_friction_is_not(
     tmp_path: Path, seed: int
 ) -> None:
