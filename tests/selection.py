@@ -42,7 +42,6 @@ THOROUGH = (
     *((f"end_to_end/test_{name}.py::*", "measured data take minutes") for name in ("mirror", "tanks", "robot_arm")),
     ("end_to_end/test_design.py::*", "a whole design and what it reaches; test_schema.py and pages run the command"),
     *((f"end_to_end/test_{name}.py::*", BENCH) for name in BENCHES),
-    ("end_to_end/test_markup.py::test_a_diagnosis_shows_markup_*", "two minutes each; test_page_browser.py stays"),
     ("end_to_end/test_extended_model.py::*", "a diagnosis and chops on what it corrected"),
     ("analysis/diagnosis/test_investigation.py::test_an_instrument_beside_the_bench_decides_*", SEARCHED),
     ("analysis/diagnosis/test_investigation.py::test_what_a_slow_loop_leaves_tied_*", SEARCHED),

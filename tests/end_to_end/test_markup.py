@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 
+from analysis.diagnosis.nominal.responses import played, simulate
 from campaigns.log import Channel, LogWriter
 from mccdcli.main import main
 from sim_backend.model import Mode, Model, Port, dump_model
@@ -101,13 +102,9 @@ def evil_log(path: Path, dof: str) -> None:
     """An oscillator 10 % stiffer than the model's, under steps, with noise of 1e-3 of its motion."""
     rng = np.random.default_rng(0)
     force = np.repeat(rng.normal(size=1500), 4)
-    motion, state = np.empty(force.size), np.zeros(2)
-    w, damping = 2.0 * np.pi * 31.5, 10.0
-    turn = np.exp((-damping + 1j * w) / RATE_HZ)
-    for k, f in enumerate(force):  # a complex pole and its input held over the sample
-        motion[k] = state[1]
-        z = (state[0] + 1j * state[1]) * turn + 1j * f / w / RATE_HZ
-        state = np.array([z.real, z.imag])
+    linear = evil_model(dof).linear()
+    stiffer = linear.with_(omega_rad_s=1.1**0.5 * linear.omega_rad_s)
+    motion = simulate(played(stiffer, RATE_HZ), force[:, None])[:, 0]
     motion += 1e-3 * np.std(motion) * rng.normal(size=motion.size)
     channels = [
         Channel(f"u {IMAGE}", "N m", "input", dof, RATE_HZ),
