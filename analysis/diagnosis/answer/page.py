@@ -229,7 +229,9 @@ def _those(*figures: Drawn | None) -> tuple[Drawn, ...]:
 
 
 def _recorded(data: Dataset) -> str:
-    """Return in words how much was judged: samples, rate, outputs, and how many samples were held out."""
+    """Return in words how much was judged: samples, rate, outputs and the part held out; nothing of a response."""
+    if not data.records:
+        return ""
     samples = sum(w.stop - w.start for r in data.records for w in r.windows)
     held = sum(w.stop - w.start for r in data.records for w in r.windows if w.held_out)
     outputs = f"{data.n_outputs} output{'' if data.n_outputs == 1 else 's'}"
