@@ -98,7 +98,7 @@ def test_what_follows_another_axis_shows_as_cross_axis_and_an_own_error_does_not
         r + np.outer(1e-2 * (rec.y - r)[:, 1], [1.0, 0.0]) for r, rec in zip(residuals, data.records, strict=True)
     ]
     x, y = evidence(data, coupled, whitener, MODEL)["cross-axis"]
-    assert x.p_value < 1e-3 and "following y" in x.where
+    assert x.p_value < 1e-3 and "what follows y" in x.where
     assert y.p_value > 1e-3
 
 
