@@ -180,10 +180,10 @@ def _environment() -> jinja2.Environment:
     environment.filters["known_exactly"] = known_exactly
     environment.filters["fit"] = fit_percent
     environment.filters["plainly"] = without_exponents
-    environment.filters["certainty"] = certainty
+    environment.filters["certainty"] = lambda probability: _unbroken(certainty(probability))
     environment.filters["percent"] = lambda x, digits=1: _unbroken(f"{100.0 * x:.{digits}f} %")
     environment.filters["share"] = lambda part: _unbroken(share(part))
-    environment.filters["chance"] = chance
+    environment.filters["chance"] = lambda p: _unbroken(chance(p))
     return environment
 
 

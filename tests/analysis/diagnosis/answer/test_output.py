@@ -191,7 +191,7 @@ def test_the_page_opens_with_the_sentence_and_escapes_whatever_files_say(diagnos
     # self-contained: nothing is fetched; the name space of SVG is a name, not an address
     assert " src=" not in page and 'rel="stylesheet"' not in page and "@import" not in page
     for text in (
-        f"{100.0 * calibrated(0.97):.0f} % probable",
+        f"{100.0 * calibrated(0.97):.0f}\N{NO-BREAK SPACE}% probable",
         "delay or amplifier-lag",
         "6.5 standard deviations",
         "<small>p = 1·10⁻⁹</small>",
