@@ -117,7 +117,7 @@ def search_causes(
     transducers = transducers_of(model)
     numbers = sum(record.y.size for record in data.records)
     workers = options.workers if numbers > _SIDE_BY_SIDE else 1
-    residuals = [left_as_given(model, record, data.rate_hz) for record in data.records]
+    residuals = left_as_given(model, data.records, data.rate_hz)
     rest = without_starts(data, linear, whitener_from(data, residuals), residuals)
     whitener = louder(whitener_from(data, list(rest)), added)
     starts = starts_of(data, linear, whitener)

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 TRIED = 30
-"""Steps after which a minimum that is out of reach is given up: one that is near is mostly reached in ten."""
+"""Steps after which a start that still leaves far too much is given up: most that lead to a minimum need ten."""
 
 
 @dataclass(frozen=True)

@@ -203,7 +203,7 @@ class Canvas:
     def legend_above(self, i: int, columns: int = 3) -> None:
         """Show the legend of panel `i` above its axes, beside the title, where it covers no curve.
 
-        It has at most so many columns, fewer where it would reach into the title.
+        It has at most so many columns, fewer where it would cover the title.
         """
         labels, title = self.axes[i].get_legend_handles_labels()[1], self._titles.get(i, "")
         if title:

@@ -53,7 +53,7 @@ def opening_figure(
     record, port = data.records[place.record], model.outputs[place.output]
     y = record.y[place.rows, place.output]
     old, new = (x[place.record][place.rows, place.output] for x in (before, after))
-    untouched = left_as_given(model, record, data.rate_hz)[place.rows, place.output]
+    untouched = left_as_given(model, [record], data.rate_hz)[0][place.rows, place.output]
     found = [] if np.array_equal(old, new) else [("extended", new, AFTER)]
     first = [("as given", untouched, GIVEN)] if np.all(np.isfinite(untouched)) else []
     curves = [*first, ("adjusted", old, BEFORE), *found]

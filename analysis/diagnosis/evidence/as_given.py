@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -14,32 +14,28 @@ from sim_backend.effects.base import Site
 from sim_backend.effects.sensor_offset import SensorOffset
 from sim_backend.linear import Array
 from sim_backend.model import Model
-from sim_backend.replay import replay
+from sim_backend.replay import replay, stepped
 
 
-def left_as_given(model: Model, record: Record, rate_hz: float) -> Array:
-    """Return what a model, played from rest, leaves of a record (n, n_y); not finite where it runs away.
+def left_as_given(model: Model, records: Sequence[Record], rate_hz: float) -> list[Array]:
+    """Return what a model, played from rest, leaves of each record (n, n_y); not finite where it runs away.
 
-    A zero that was fitted to this very record is as unknown as its start: see `with_free_zeros`.
+    A zero that was fitted to these very records is as unknown as their starts: see `with_free_zeros`.
     """
-    places = places_of(model)
-    unknown = {places.outputs[o] for o in record.free_zeros}
+    places, transducers = places_of(model), transducers_of(model)
+    unknown = {places.outputs[o] for record in records for o in record.free_zeros}
     effects = [e for e in stated(model.effects) if not (isinstance(e, SensorOffset) and e.where in unknown)]
     linear = retuned(model.linear(), effects, places)
-    if all(effect.site is Site.MODEL for effect in effects):
-        return record.left_by(simulate(played(linear, rate_hz), record.u))
     acting = [effect for effect in effects if effect.site is not Site.MODEL]
-    motion = replay(
-        linear,
-        acting,
-        places,
-        transducers_of(model),
-        record.u,
-        rate_hz,
-        temperature_k=record.temperature_k,
-        substeps=steps_of(linear, rate_hz),
-    )
-    return record.left_by(motion.reading)
+    if not acting:
+        discrete = played(linear, rate_hz)
+        return [record.left_by(simulate(discrete, record.u)) for record in records]
+    ready = stepped(linear, acting, places, rate_hz, steps_of(linear, rate_hz))
+    motions = [
+        replay(ready, acting, places, transducers, record.u, rate_hz, temperature_k=record.temperature_k)
+        for record in records
+    ]
+    return [record.left_by(motion.reading) for record, motion in zip(records, motions, strict=True)]
 
 
 def error_as_given(data: Dataset, model: Model, moving: Collection[str]) -> float | None:
@@ -51,7 +47,8 @@ def error_as_given(data: Dataset, model: Model, moving: Collection[str]) -> floa
     windows = [(i, w) for i, w in data.windows if w.held_out]
     if not windows or not counted:
         return None
-    left = {i: left_as_given(model, data.records[i], data.rate_hz) for i in {i for i, _ in windows}}
+    held = sorted({i for i, _ in windows})
+    left = dict(zip(held, left_as_given(model, [data.records[i] for i in held], data.rate_hz), strict=True))
     size = np.std(np.concatenate([data.records[i].y[w.start : w.stop, counted] for i, w in windows]), axis=0)
     error = np.concatenate([left[i][w.start : w.stop, counted] for i, w in windows])
     relative = np.sqrt(np.mean((error / np.where(size > 0.0, size, np.nan)) ** 2))
