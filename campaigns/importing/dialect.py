@@ -158,8 +158,23 @@ def lines_of(stream: TextIO, path: Path) -> Iterator[str]:
     """Yield the lines of a text; raises DataError for one so long that it is none of a table, before it is held."""
     while line := stream.readline(MAX_LINE_CHARS):
         if len(line) == MAX_LINE_CHARS:
-            raise DataError(f"{path} has a line of more than {MAX_LINE_CHARS} characters: check that it is a table")
+            raise _too_long(path)
         yield line
+
+
+def blocks_of(stream: TextIO, path: Path) -> Iterator[str]:
+    """Yield a text in blocks of whole lines; raises DataError as `lines_of` does."""
+    while block := stream.read(MAX_LINE_CHARS):
+        if not block.endswith("\n"):
+            block += stream.readline(MAX_LINE_CHARS)
+        # the lines before the last are shorter than the block that was read
+        if len(block) - (block.rfind("\n", 0, len(block) - 1) + 1) >= MAX_LINE_CHARS:
+            raise _too_long(path)
+        yield block
+
+
+def _too_long(path: Path) -> DataError:
+    return DataError(f"{path} has a line of more than {MAX_LINE_CHARS} characters: check that it is a table")
 
 
 def _separator(lines: Sequence[str], decimal: str | None) -> str:

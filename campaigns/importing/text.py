@@ -21,10 +21,9 @@ from campaigns.importing.dialect import (
     Dialect,
     cells_of,
     dialect_of,
-    lines_of,
-    without_remark,
 )
 from campaigns.importing.refusals import check_expansion
+from campaigns.importing.rows import Joined, Rows
 from campaigns.log.guard import first_line, stored_bytes
 from sim_backend.errors import ConfigError, DataError
 
@@ -129,20 +128,22 @@ class TextSource:
     def cell(self, name: str, row: int) -> str:
         """Return the text of a column's cell in a row of the data, from 0; raises DataError as `array` does."""
         columns = self._columns(name) or []
-        for frame in self._frames(usecols=columns, dtype=str):
-            if row < len(frame):
-                return str(frame.iloc[row, 0]).strip()
-            row -= len(frame)
-        raise DataError(f"{self.path} has no row {row} more of data: it was changed while it was read")
+        return cells_of(self._rows.row(row)[1], self.dialect.separator)[columns[0]].strip()
 
     def _frames_of_numbers(self, index: int) -> Iterator[NDArray[np.float64]]:
-        for frame in self._frames(usecols=[index], dtype=str):
-            yield np.array([_number(cell, self.dialect.decimal) for cell in frame[index]], dtype=np.float64)
+        """Yield a column some rows at a time, not-a-number where a cell is no finite number."""
+        for frame in self._frames(usecols=[index]):
+            cells = frame[index]
+            if cells.dtype.kind in "iuf":
+                values = cells.to_numpy(np.float64)
+                yield np.where(np.isfinite(values), values, np.nan)
+            else:
+                yield np.array([_number(str(cell), self.dialect.decimal) for cell in cells], dtype=np.float64)
 
     def first_cell(self, name: str) -> str | None:
         """Return the text of a column's first cell, without the rest being read; None without such a column."""
         columns = self._columns(name)
-        row = next((data for _, _, data in self._rows() if data is not None), None)
+        row = next((data for _, _, data in self._rows.lines() if data is not None), None)
         return cells_of(row, self.dialect.separator)[columns[0]] if columns and row is not None else None
 
     def precision(self, name: str) -> Precision | None:
@@ -151,7 +152,7 @@ class TextSource:
         if not columns:
             return None
         separator, decimal = self.dialect.separator, self.dialect.decimal
-        rows = (cells_of(data, separator) for _, _, data in self._rows() if data is not None)
+        rows = (cells_of(data, separator) for _, _, data in self._rows.lines() if data is not None)
         cells = [row[i] for row in islice(rows, PRECISION_ROWS) for i in columns]
         found = [digits_of(cell, decimal) for cell in cells if read_number(cell, decimal) is not None]
         if not found:
@@ -197,65 +198,9 @@ class TextSource:
             raise DataError(f"cannot read {self.path}: {error.strerror}; check the path and its rights") from None
         return dialect_of(self.path, self.separator, self.decimal, self.header, self.known)
 
-    def _rows(self) -> Iterator[tuple[int, str, str | None]]:
-        """Give the number of every line of the data, the line, and what of it is data: None for a remark.
-
-        Raises DataError for the first line that has another number of cells.
-        """
-        blank: int | None = None
-        for number, line in self._lines():
-            if not line.strip():
-                blank = number if blank is None else blank
-                continue
-            data = without_remark(line, self.dialect.separator, self._width) if "#" in line else line
-            if data.count('"') % 2:
-                raise DataError(f"{self.path}, line {number + 1} has a quote that does not end in its line: repair it")
-            more = self.dialect.trailing and not data.rstrip().endswith(self.dialect.separator)
-            if more or self._count(data) != self._width:
-                if line.lstrip().startswith("#"):
-                    yield number, line, None
-                    continue
-                self._refuse_width(number, data)
-            if blank is not None:
-                raise DataError(
-                    f"{self.path}, line {blank + 1} is empty and data follow: take it out if no row is lost there; "
-                    "otherwise import the stretches between such lines as [[parts]]"
-                )
-            yield number, line, data
-
     @cached_property
-    def _checked(self) -> tuple[int, bool]:
-        """Return how many rows there are, and whether remarks are among them."""
-        count, remarks = 0, False
-        for _, line, data in self._rows():
-            remarks = remarks or data is not line
-            count += data is not None
-        return count, remarks
-
-    @property
-    def _width(self) -> int:
-        return self.dialect.columns + self.dialect.trailing
-
-    def _count(self, line: str) -> int:
-        if '"' not in line and self.dialect.separator != " ":
-            return line.count(self.dialect.separator) + 1
-        return len(cells_of(line, self.dialect.separator))
-
-    def _refuse_width(self, number: int, line: str) -> NoReturn:
-        raise DataError(
-            f"{self.path}, line {number + 1} has {self._count(line)} cells, the others have {self._width} "
-            f"('{line[:60]}'): complete it, or take it out and import the stretches around it as [[parts]]"
-        )
-
-    def _lines(self) -> Iterator[tuple[int, str]]:
-        """Give the number, from 0, and the text of every line from the first of the data on."""
-        try:
-            with self.path.open(encoding=self.dialect.encoding) as stream:
-                for number, line in enumerate(lines_of(stream, self.path)):
-                    if number >= self.dialect.first_line:
-                        yield number, line.rstrip("\n")
-        except (OSError, UnicodeError) as error:
-            raise DataError(f"cannot read {self.path}: {first_line(error)}; save it as UTF-8 text") from None
+    def _rows(self) -> Rows:
+        return Rows(self.path, self.dialect)
 
     def _frames(self, **options: Any) -> Iterator[pd.DataFrame]:
         """Yield the rows some at a time, read with pandas' `options`; raises DataError where rows do not come out."""
@@ -264,7 +209,7 @@ class TextSource:
         dialect = self.dialect
         if dialect.doubt:
             raise DataError(dialect.doubt)
-        count, remarks = self._checked
+        count, remarks = self._rows.checked
         if not count:
             raise DataError(f"{self.path} has no row of data below its names: check that the file is whole")
         done = 0
@@ -273,17 +218,17 @@ class TextSource:
                 for _ in range(dialect.first_line):
                     stream.readline(MAX_LINE_CHARS)
                 with pd.read_csv(
-                    cast("TextIO", _Joined(data for _, _, data in self._rows() if data)) if remarks else stream,
+                    cast("TextIO", Joined(data for _, _, data in self._rows.lines() if data)) if remarks else stream,
                     sep=r"\s+" if dialect.separator == " " else dialect.separator,
                     decimal=dialect.decimal,
                     header=None,
-                    names=list(range(self._width)),
+                    names=list(range(self._rows.width)),
                     nrows=count,
                     skipinitialspace=True,
                     index_col=False,
                     low_memory=False,
                     na_filter=False,  # an empty cell is reported with its position, below
-                    chunksize=max(FRAME_CELLS // self._width, 1),
+                    chunksize=max(FRAME_CELLS // self._rows.width, 1),
                     **options,
                 ) as frames:
                     for frame in frames:
@@ -297,8 +242,8 @@ class TextSource:
     @cached_property
     def _columns_of_numbers(self) -> dict[int, NDArray[Any]]:
         """Return the columns that pandas takes for numbers throughout, by their index."""
-        count, kept = self._checked[0], True
-        kinds: dict[int, set[np.dtype[Any]]] = {i: set() for i in range(self._width)}
+        count, kept = self._rows.checked[0], True
+        kinds: dict[int, set[np.dtype[Any]]] = {i: set() for i in range(self._rows.width)}
         found: list[pd.DataFrame] = []
         for frame in self._frames():
             for i, kind in enumerate(frame.dtypes):
@@ -338,7 +283,7 @@ class TextSource:
         return np.concatenate(pieces if kept else list(self._frames_of_numbers(index)))
 
     def _refuse_cell(self, index: int, row: int, cell: str, count: int) -> NoReturn:
-        line = next(islice((number for number, _, data in self._rows() if data is not None), row, None))
+        line, _ = self._rows.row(row)
         names = self.dialect.names
         what = f"column '{names[index]}'" if index < len(names) else f"column {index + 1}"
         holds = f"holds '{cell[:40]}', which is not a finite number" if cell.strip() else "has an empty cell"
@@ -364,26 +309,3 @@ def _number(cell: str, decimal: str) -> float:
     """Return the number in a cell, not-a-number where it is none."""
     found = read_number(cell.strip().strip('"'), decimal)
     return math.nan if found is None or not math.isfinite(found) else found
-
-
-class _Joined:
-    """Lines as a file that is read, so that they are never in memory together."""
-
-    def __init__(self, lines: Iterator[str]) -> None:
-        self._lines = lines
-        self._left = ""
-
-    def __iter__(self) -> Iterator[str]:
-        return (f"{line}\n" for line in self._lines)
-
-    def read(self, size: int = -1) -> str:
-        """Return at most `size` characters."""
-        parts, count = [self._left], len(self._left)
-        for line in self._lines:
-            parts.append(f"{line}\n")
-            count += len(line) + 1
-            if 0 <= size <= count:
-                break
-        whole = "".join(parts)
-        self._left = whole[size:] if size >= 0 else ""
-        return whole[:size] if size >= 0 else whole
