@@ -71,7 +71,8 @@ class LearningDesign:
     `factor` (n_f,) at `frequency_hz` is by how much an error shrinks per period on the identified plant with the first
     gain, `worst` (n_f,) on the worst drawn one. `lines_hz`, `at_lines` and `at_lines_worst` are the same from the
     measured response and its 2σ bound, None where no sweep was given. `expected` are the errors of a chop on every
-    plant, `grown` the part of an error that all periods together leave at any frequency, on most plants.
+    plant that begins with a feed-forward for a bench `late_samples` after the model, `grown` the part of an error that
+    all periods together leave at any frequency, on most plants.
     """
 
     filter: DiscreteFilter
@@ -79,6 +80,7 @@ class LearningDesign:
     cutoff_hz: float
     half_length: int
     gains: tuple[float, ...]
+    late_samples: float
     frequency_hz: Array
     factor: Array
     worst: Array
@@ -155,8 +157,8 @@ def design_learning(
     """Return the learning around `controller` that leaves least of the chop `motion`; the first plant is identified.
 
     `grid_hz` (n_f,) are the frequencies at which the error must not grow, `cutoffs_hz` the bands that may be learned,
-    which are tried with all first gains. Raises ConfigError when an error may grow on too many plants, or too few
-    settle.
+    which are tried with all first gains and all that the feed-forward may be early. Raises ConfigError when an error
+    may grow on too many plants, or too few settle.
     """
     rate = controller.rate_hz
     f = grid_hz[grid_hz >= 0.5]
@@ -181,8 +183,8 @@ def design_learning(
     learned = Learned(plants, controller, made, lead, motion)
     ahead = closed * (np.exp(2j * np.pi * f / rate * lead) * made.frequency_response(f))
     found: list[LearningDesign] = []
-    for cutoff_hz, gain in product(cutoffs_hz, FIRST_GAINS):
-        one = _Tried(made, lead, cutoff_hz, half, averaging_gains(periods, gain))
+    for cutoff_hz, gain, late in product(cutoffs_hz, FIRST_GAINS, motion.late_samples):
+        one = _Tried(made, lead, cutoff_hz, half, averaging_gains(periods, gain), late)
         at = (None, None, None) if sweep is None else _at_lines(sweep, controller, one)
         found.append(one.design(f, ahead, at, learned))
     best = min(found, key=LearningDesign.rank)
@@ -200,6 +202,7 @@ class _Tried:
     cutoff_hz: float
     half_length: int
     gains: tuple[float, ...]
+    late_samples: float
 
     @cached_property
     def taps(self) -> tuple[float, ...]:
@@ -226,13 +229,14 @@ class _Tried:
             cutoff_hz=self.cutoff_hz,
             half_length=self.half_length,
             gains=self.gains,
+            late_samples=self.late_samples,
             frequency_hz=f,
             factor=first[0],
             worst=first.max(axis=0),
             lines_hz=at[0],
             at_lines=at[1],
             at_lines_worst=at[2],
-            expected=learned.expected(self.taps, self.gains),
+            expected=learned.expected(self.taps, self.gains, self.late_samples),
             grown=float(np.quantile(whole.max(axis=-1), MOST)),
         )
 

@@ -23,6 +23,9 @@ the others learning is stopped where it does not converge (`campaigns.strategies
 LATE_SAMPLES = 1.0
 """Delay by which a bench may differ from its model, either way."""
 
+LATE_SHARES = (0.5, 0.75, 1.0)
+"""Parts of the middle of all delays for which a feed-forward may be made."""
+
 SLOWEST_AMPLIFIER_HZ = 1000.0
 """Corner of the slowest amplifier that a model without a lag may have left out. It delays by its time constant; that it
 also weakens, by a tenth at 490 Hz, helps."""
@@ -88,14 +91,14 @@ def drawn_plants(
     return plants
 
 
-def late_samples(plants: Sequence[ModalModel], rate_hz: float) -> float:
-    """Return for how many samples of delay a feed-forward on `plants` is made: between the first and the middle.
+def late_samples(plants: Sequence[ModalModel], rate_hz: float) -> tuple[float, ...]:
+    """Return for how many samples of delay a feed-forward on `plants` may be made: from early to the middle.
 
-    The first is the identified one. In the middle the latest plant would err least, and the bench that was identified
-    would stray for as long.
+    The first plant is the identified one. In the middle the latest errs least, and the bench that was identified strays
+    for as long.
     """
     late = [float(np.max(plant.delay_s - plants[0].delay_s)) * rate_hz for plant in plants]
-    return 0.25 * (max(late) + min(late))
+    return tuple(share * 0.5 * (max(late) + min(late)) for share in LATE_SHARES)
 
 
 def _delays(nominal: ModalModel, swings: bool, rate_hz: float, rng: np.random.Generator) -> Array:

@@ -42,7 +42,8 @@ class Identification:
     """A model identified from logs; `modes` lists frequency and decay rate with standard deviations, per mode.
 
     `chi2_per_dof` is near 1 when noise explains the misfit, and None where all lines were weighed alike. `noise` and
-    `distortion` are relative to the output (rms), where the excitation determines them. `held_out` may be empty.
+    `distortion` are relative to the output (rms), where the excitation determines them. `noise_is_bound` tells that the
+    record began in another motion, of which a part may still be in the noise. `held_out` may be empty.
     `response` is what was measured by frequency, before any model; empty for a record that is fitted in time. `remarks`
     say what of the records was left out or is uncertain. `gains` are empty where a rigid body has none; `axes` has
     those of each of the `modes`.
@@ -59,6 +60,7 @@ class Identification:
     remarks: tuple[str, ...] = ()
     gains: tuple[StaticGain, ...] = ()
     axes: tuple[str, ...] = ()
+    noise_is_bound: bool = False
 
     @property
     def of_a_table(self) -> bool:

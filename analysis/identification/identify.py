@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from analysis.frequency.frf import FrequencyResponse, frequency_response_periodic
 from analysis.identification.axes import Axes, fit_axes
-from analysis.identification.between_samples import fit_between_samples, response_freed
+from analysis.identification.between_samples import Between, fit_between_samples, response_freed
 from analysis.identification.determined import without_undetermined
 from analysis.identification.from_sweeps import identify_sweeps
 from analysis.identification.growing_poles import curves_in_a_loop, remarks_on_growth
@@ -31,7 +31,7 @@ from analysis.identification.line_fit import fit_lines, pooled_variance
 from analysis.identification.merged_pairs import with_pairs_merged
 from analysis.identification.missed_response import remarks_on_misses, response_of_model
 from analysis.identification.modal_parameters import Structure
-from analysis.identification.realisations import Realisations, bring_to_one_level, realisations_of
+from analysis.identification.realisations import Realisations, bring_to_one_level, noise_power, realisations_of
 from analysis.identification.record_remarks import inputs_at_rest, is_stepped_sine, remarks_on_records, untold
 from analysis.identification.refined import refined
 from analysis.identification.response_curves import curves_of_periods
@@ -56,6 +56,10 @@ ROLES = ("input", "output")
 
 ORDERS = (1, 2, 3, 4, 5, 6)
 """Numbers of modes to choose from when none is given, for each input."""
+
+SWING_ROUNDS, FALLS = 3, 0.95
+"""How often the swing from a start is taken out with the modes of a better fit, and to which part of its power noise
+must fall for it."""
 
 MANY_ROWS = 50_000
 """Samples of a segment above which the number of modes is not chosen in time: each takes minutes, and nonlinear
@@ -143,16 +147,7 @@ def _from_periods(
 ) -> Identification:
     means = [x.mean(axis=(0, 3)) for x in (data.inputs, data.outputs)]
     bring_to_one_level(data)
-    measured = _measured(data)
-    chosen = fit_between_samples(
-        measured, data.rate_hz, orders, equal_weights=equal_weights, report=part_of(report, 0.0, 0.5)
-    )
-    settled = without_swing(data, chosen.fit.model)
-    if settled is not None:
-        measured = _measured(settled)
-        chosen = fit_between_samples(
-            measured, data.rate_hz, orders, equal_weights=equal_weights, report=part_of(report, 0.5, 0.8)
-        )
+    settled, measured, chosen = _without_start(data, orders, equal_weights, report)
     report(0.8, 1.0, "giving up modes that are not there")
     fit, lines, variance, held = chosen.fit, chosen.lines, chosen.variance, chosen.intersample == "held"
 
@@ -166,6 +161,7 @@ def _from_periods(
     fit = with_pairs_merged(without_undetermined(fit, orders, again), orders, again, errors)
     power = float(measured.output_power.sum())
     ratios = [_relative(level, power) for level in (measured.output_noise, measured.output_distortion)]
+    noise = _relative(noise_power(settled), power)
     if variance is not None and not _within_noise(fit) and _distorted(*ratios):
         # weights by the noise follow the quietest lines, although the residual there is not noise
         even = fit_lines(lines, None, data.rate_hz, (fit.model.n_blocks,), fit.model, delay=chosen.delay)
@@ -177,17 +173,38 @@ def _from_periods(
     if held and variance is not None and _within_noise(fit) and not _distorted(*ratios):
         report(0.9, 1.0, "fitting in time")
         fitted = _refined(fitted, parts, data.rate_hz, Structure(delay=chosen.delay), late=False)
-    return identification(
+    found = identification(
         fitted,
         _runs_of(parts),
         *_ports(parts[0][0]),
         method="periodic, zero-order hold" if held else "periodic, band-limited",
         name=name,
         intersample=chosen.intersample,
-        levels=(ratios[0], ratios[1]),
+        levels=(noise, ratios[1]),
         held_out=tried(fitted.linear, parts, data.rate_hz, intersample=chosen.intersample),
         response=curves_of_periods(measured, *(tuple(parts[0][0].names(role)) for role in ROLES)),
     )
+    # where the bench is not linear, the swing that was taken out is not all that dies away
+    return replace(found, noise_is_bound=settled is not data)
+
+
+def _without_start(
+    data: Realisations, orders: tuple[int, ...], equal_weights: bool, report: Report
+) -> tuple[Realisations, FrequencyResponse, Between]:
+    """Return the data without the swing from their start, their response, and what was fitted to it.
+
+    A response that holds a swing gives a frequency and a decay rate by which a part of it is left: so again, while
+    noise falls. Data that begin in steady state come back as they are.
+    """
+    used = data
+    for k in range(SWING_ROUNDS + 1):
+        measured, part = _measured(used), part_of(report, 0.8 * (1.0 - 0.5**k), 0.8 * (1.0 - 0.5 ** (k + 1)))
+        chosen = fit_between_samples(measured, data.rate_hz, orders, equal_weights=equal_weights, report=part)
+        settled = without_swing(data, chosen.fit.model) if k < SWING_ROUNDS else None
+        if settled is None or noise_power(settled).sum() > FALLS * noise_power(used).sum():
+            break
+        used = settled
+    return used, measured, chosen
 
 
 def _within_noise(fit: RationalFit) -> bool:

@@ -46,6 +46,13 @@ def realisations_of(parts: Sequence[tuple[Run, LogSegment]]) -> Realisations | N
     return None if _drifting(data) else data
 
 
+def noise_power(data: Realisations) -> Array:
+    """Return the mean square (n_y,) of one period's noise at all frequencies; NaN of a single period."""
+    if data.outputs.shape[3] < 2:
+        return np.full(data.outputs.shape[1], np.nan)
+    return np.asarray(np.var(data.outputs, axis=3, ddof=1).mean(axis=(0, 2)) * data.group)
+
+
 def _drifting(data: Realisations) -> bool:
     """Tell whether an output moves farther from period to period than within one: a free axis does not repeat.
 

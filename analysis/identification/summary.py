@@ -28,8 +28,12 @@ def facts(found: Identification) -> list[tuple[str, str]]:
     told = [("method", found.method), *_gains(found), *_delays(found)]
     if found.chi2_per_dof is not None:
         told.append(("misfit over noise", f"{found.chi2_per_dof:.3g} (χ² per degree of freedom)"))
-    levels = (("noise", found.noise), ("nonlinear distortion", found.distortion))
-    told += [(name, f"{100.0 * value:.3f} % of the output") for name, value in levels if value is not None]
+    levels = (("noise", found.noise, found.noise_is_bound), ("nonlinear distortion", found.distortion, False))
+    told += [
+        (name, f"{'at most ' if bound else ''}{100.0 * value:.3f} % of the output")
+        for name, value, bound in levels
+        if value is not None
+    ]
     told += [(f"{one.input} → {one.output}", _uncertainty(one)) for one in found.response]
     told += [(f"error on {one.segment}", f"{100.0 * one.total:.2f} %") for one in found.held_out]
     return told

@@ -131,7 +131,7 @@ class TextSource:
         return cells_of(self._rows.row(row)[1], self.dialect.separator)[columns[0]].strip()
 
     def _frames_of_numbers(self, index: int) -> Iterator[NDArray[np.float64]]:
-        """Yield a column some rows at a time, not-a-number where a cell is no finite number."""
+        """Yield a column some rows at a time, not-a-number where a cell does not hold a finite number."""
         for frame in self._frames(usecols=[index]):
             cells = frame[index]
             if cells.dtype.kind in "iuf":

@@ -197,11 +197,10 @@ def run_from_rest(
 
 
 def test_the_swing_from_rest_is_no_noise_of_a_linear_plant(tmp_path):
-    """The noise that is told is that on the lines that are played, as a part of what the bench answers there."""
+    """The noise is that of one period at all frequencies, as a part of what the bench answers."""
     angle = run_from_rest(tmp_path / "run", np.random.default_rng(616), "run", 3e-3)
     settled = angle[-STIFF_PERIOD:]  # nothing of the start is left after eleven seconds: exp(-14)
-    played_part = (HIGHEST - 2) / (STIFF_PERIOD / 2)
-    noise = SENSOR_RAD * np.sqrt(played_part) / settled.std()
+    noise = SENSOR_RAD / settled.std()
     assert fitted(tmp_path / "run")["noise"] == pytest.approx(noise, rel=NEAR)
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from analysis.identification.identify import identify_runs
 from analysis.identification.response_curves import save_curves
+from analysis.identification.summary import facts
 from analysis.linear.simulate import simulate_linear
 from campaigns.log import LogWriter, read_run
 from campaigns.plans import make_plan
@@ -169,6 +170,46 @@ def test_the_zero_of_a_foreign_bench_is_written_as_an_offset(tmp_path, period):
     # the offset is half a radian, the motion about 1e-4: it must come back far within that
     assert abs(entry.parameters["offset"].value - 0.5) < 0.1 * size
     assert parse_model(dump_model(found.model), "round trip") == found.model
+
+
+def from_rest(tmp_path, hardening, before=0):
+    """Four periods of a multisine on a light mode of 12 Hz, after `before` periods, and the noise over the output."""
+    rng = np.random.default_rng(3)
+    rate_hz, period, fine = 500.0, 500, 20
+    at = np.arange(period) / period
+    one = 15.0 * sum(np.cos(2 * np.pi * (k * at + rng.uniform())) for k in range(2, 60))
+    omega, decay, angle, speed, y = 2 * np.pi * 12.0, 1.1, 0.0, 0.0, []
+    step_s = 1.0 / (rate_hz * fine)
+    for u in np.tile(one, before + 4):
+        y.append(angle)
+        for _ in range(fine):  # symplectic Euler: its steps are short against the period of the mode
+            speed += step_s * (u - 2.0 * decay * speed - omega**2 * (angle + hardening * angle**3))
+            angle += step_s * speed
+    y = np.array(y[before * period :])
+    noise = 1e-3 * np.std(y[-period:])
+    channels = [Signal("u", "N m", "input", "tilt", rate_hz), Signal("y", "rad", "output", "tilt", rate_hz)]
+    path = tmp_path / f"from-rest-{hardening}-{before}.h5"
+    with LogWriter.create(path, channels, test="t", bench={"kind": "imported", "name": "other"}) as log:
+        with log.segment("fit", {"period_samples": period}):
+            log.append({"u": np.tile(one, 4), "y": y + noise * rng.standard_normal(y.size)})
+    return path, 1e-3
+
+
+@pytest.mark.parametrize("hardening", [0.0, 4.0])
+def test_noise_beside_a_start_that_rings_on_is_a_bound(tmp_path, hardening):
+    path, noise = from_rest(tmp_path, hardening)
+    found = identify(path, modes=1)
+    assert found.noise_is_bound and found.noise > 0.8 * noise
+    assert f"at most {100.0 * found.noise:.3f} % of the output" in dict(facts(found))["noise"]
+    if hardening == 0.0:  # a linear swing is taken out as a whole
+        assert found.noise == pytest.approx(noise, rel=0.2)
+
+
+def test_noise_of_a_steady_record_is_no_bound(tmp_path):
+    path, noise = from_rest(tmp_path, 0.0, before=16)
+    found = identify(path, modes=1)
+    assert not found.noise_is_bound and found.noise == pytest.approx(noise, rel=0.2)
+    assert "at most" not in dict(facts(found))["noise"]
 
 
 def test_the_own_bench_has_no_zero_of_its_own(tmp_path):
