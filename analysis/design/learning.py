@@ -51,7 +51,7 @@ LEAD_S = 0.001
 TRUSTED, FADING = 1500.0, 2500.0
 """Up to where in Hz the inverse has to fit, and from where on it hardly matters: Q has long closed there."""
 
-FIRST_GAINS = (0.7, 0.5)
+FIRST_GAINS = (0.7, 0.6, 0.5)
 """Parts of the error that may be learned from at first: where a sharp mode is not where the model has it, or the bench
 late, the inverse is too large or turned, and the whole of it would make the error grow."""
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
 import pytest
 
 from benchmarks.drawn_records import FLAWS, FORMS, REFUSED
@@ -14,8 +17,12 @@ pytest.importorskip("pyarrow")
 
 
 def check(cases: int, start: int) -> None:
-    """Draw so many records of each form: `count` ends with the first that breaks a promise."""
-    found = count(cases, start)
+    """Draw so many records of each form: `count` ends with the first that breaks a promise.
+
+    In a process of its own: a reader is forked for each record, which takes as long as the process is large.
+    """
+    with ProcessPoolExecutor(1, get_context("spawn")) as alone:
+        found = alone.submit(count, cases, start).result()
     assert set(found) == set(FORMS)
     for form, tally in found.items():
         assert tally.total() >= cases, form
