@@ -35,8 +35,8 @@ QUIET = 0.5
 """Part of the required stability that the noise may take on the worst plant: another bench is up to twice as loud."""
 
 MEASURED = 1.06
-"""Stability that is measured over the predicted one: the largest of two axes and two positions, each known to 2 % from a
-few seconds, with what learning leaves beside the noise."""
+"""Stability that is measured over the predicted one: the largest of two axes and two positions, each known to 2 %
+from a few seconds, with what learning leaves beside the noise."""
 
 SOME = 8
 """Of dozens of quiet feedbacks, so many are worth a closer look."""
