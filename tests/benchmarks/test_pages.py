@@ -62,6 +62,7 @@ def test_shares_are_whole_percent_but_near_none_and_all(share: float, text: str)
 def scored(folder: Path, **changes: Any) -> Path:
     """Write a score with every measure of the page, each at 0.91 of 100 unless a change by name says else."""
     common = {"value": 0.91, "interval": [0.84, 0.96], "n": 100, "low": None, "high": None, "stated": None, "ok": None}
+    common |= {"enough": True, "least": 1}
     measures = [{"name": row.measure, **common} for row in scores.ROWS]
     measures[0] |= {"low": 0.97}
     measures[-1] |= {"stated": 0.8, "ok": False}
@@ -72,11 +73,11 @@ def scored(folder: Path, **changes: Any) -> Path:
     return file
 
 
-def test_a_score_is_held_against_the_requirement_of_the_second_generator(tmp_path: Path) -> None:
+def test_a_score_is_held_against_the_target_of_the_second_generator(tmp_path: Path) -> None:
     rows = scores.table([scored(tmp_path)]).splitlines()
     assert rows[2].endswith("| 91 of 100: 91 % (84–96) | ≥ 90 % |")
     assert rows[9].endswith(
-        "| **91 of 100: 91 %** (84–96) | the stated mean, 80.0 %, within the interval (100 at 80.0 %) |"
+        "| **91 of 100: 91 %** (84–96) | the interval contains 80.0 %, the mean stated probability (100 at 80.0 %) |"
     )
     assert "Scored were 3 cases by 1 (commit abc)" in rows[11]
     assert rows[13] == (
@@ -85,7 +86,17 @@ def test_a_score_is_held_against_the_requirement_of_the_second_generator(tmp_pat
     )
 
 
-def test_the_page_of_challenges_states_the_same_requirements() -> None:
+def test_a_target_that_asks_for_more_cases_than_there_were_says_so(tmp_path: Path) -> None:
+    file = scored(tmp_path)
+    found = json.loads(file.read_text(encoding="utf-8"))
+    found["measures"][2] |= {"high": 0.005, "enough": False, "least": 300}
+    file.write_text(json.dumps(found), encoding="utf-8")
+    rows = scores.table([file]).splitlines()
+    assert rows[4].endswith("| ≤ 0.5 % of 300 cases or more |")
+    assert not any("cases or more" in row for row in (*rows[:4], *rows[5:]))
+
+
+def test_the_page_of_challenges_states_the_same_targets() -> None:
     text = (DOCS / "challenge.md").read_text(encoding="utf-8")
     named, twisted = (row.low for row in scores.ROWS if row.low is not None)
     (file,) = files_of(*next((t.page.read_text(encoding="utf-8"), t) for t in TABLES if t.name == "scores"))
