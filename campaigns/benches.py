@@ -82,7 +82,7 @@ BENCHES: dict[str, BenchKind] = {
     ),
     "serial": BenchKind(
         "serial:DEVICE[@BAUD]",
-        "a bench at a serial port, as in serial:/dev/ttyUSB0@921600",
+        "a bench at a serial port, as in serial:/dev/ttyUSB0@921600; 115200 baud unless given",
         _open_at("serial"),
         _told_by_identity,
         repeatable=False,
