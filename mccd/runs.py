@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import campaigns.log as log
+from campaigns.benches import simulated_name
 from mccd.models import Model, core_model
 from mccd.showing import as_html
 
@@ -175,7 +176,7 @@ def simulate(
     if out is None:
         folder = tempfile.TemporaryDirectory(prefix="mccd-")
         out = Path(folder.name) / f"{chosen.name}.h5"
-    path, name = Path(out), Path(model).stem if isinstance(model, str | Path) else core.name
+    path, name = Path(out), simulated_name(model) if isinstance(model, str | Path) else core.name
     run_plan(chosen, SimBench(core, seed, name=name), path, seed=seed, note=note)
     return Run(log.read_run(path), folder)
 

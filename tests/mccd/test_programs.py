@@ -204,3 +204,5 @@ def test_a_simulated_bench_has_the_name_of_its_file(tmp_path: Path) -> None:
     file = mccd.load_model("design").save(tmp_path / "mine.toml")
     with mccd.simulate(file, "rest", {"duration_s": 0.01, "settle_s": 0.01}) as run:
         assert run.log.header.bench["name"] == "mine"
+    with mccd.simulate("table-6.4-30", "rest", {"duration_s": 0.01, "settle_s": 0.01}) as run:
+        assert run.log.header.bench["name"] == "table-6.4-30"
