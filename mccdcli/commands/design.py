@@ -16,7 +16,7 @@ from mccdcli.trials import count, play
 from sim_backend.safe_write import unnamed_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from analysis.design.api import Designed
     from analysis.design.stages import StageResult
@@ -102,10 +102,7 @@ def design(
     nominal, plan = load_model(model), make_plan("rest", {})
     if dry_run:
         recorded = _rest_in(out or Path("design")).exists() or _holds_rest(given, plan)
-        if stages:
-            say("mccd: the chops of --stages are not counted: how long they learn is not known before the design")
-        count({} if recorded else {plan.name: plan}, bench, seed, as_json=as_json)
-        return 0
+        return _counted({} if recorded else {plan.name: plan}, bench, seed, stages=stages, as_json=as_json)
 
     from analysis.design.api import Options, design_controller, require_strokes
     from analysis.design.output import document, prepare_folder, write_controller, write_design
@@ -129,6 +126,14 @@ def design(
             report(0.95, 1.0, "figures")
             files = {"controller": path, **write_design(designed, folder, rows)}
     emit({**document(designed, rows), "files": files}, as_json=as_json, text=_text(designed, rows, [*files.values()]))
+    return 0
+
+
+def _counted(plans: Mapping[str, Plan], bench: str, seed: int, *, stages: bool, as_json: bool) -> int:
+    """Show what recording `plans` would take, and what is not counted."""
+    if stages:
+        say("mccd: the chops of --stages are not counted: how long they learn is not known before the design")
+    count(plans, bench, seed, as_json=as_json)
     return 0
 
 

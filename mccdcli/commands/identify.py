@@ -163,7 +163,7 @@ def identify(
 def _refuse_idle(logs: Sequence[Path], table_file: Path | None, *, dry_run: bool, of_logs: bool) -> None:
     """End with a usage error for options without effect on the data that are fitted.
 
-    A dry run that would write, and sweeps that would then be refused, are no more wanted from a settings file.
+    A dry run must not write, and sweeps must not be played before the fit is refused, whatever set the option.
     """
     if logs or table_file:
         source = "--frf" if table_file else "--log"
