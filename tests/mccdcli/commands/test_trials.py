@@ -234,8 +234,12 @@ def test_a_dry_run_says_what_it_does_not_count(run, here):
     (here / "design").mkdir()
     (here / "still.h5").rename(here / "design" / "rest.h5")
     assert json.loads(run(*design)[1])["runs"] == {}
-    assert OWN_LOGS in run("report", "--campaign", "quick", "--dry-run")[2]
-    assert OWN_LOGS not in run("report", "--campaign", "quick", "--no-design", "--dry-run")[2]
+    (here / "small.toml").write_text('name = "small"\n[[runs]]\nname = "a"\nplan = "rest"\n')
+    assert run("report", "--campaign", "small.toml", "--dry-run")[2] == ""  # no sweep: no controller is designed
+    with (here / "small.toml").open("a") as file:
+        file.write('[[runs]]\nname = "b"\nplan = "sinesweep"\n')
+    assert OWN_LOGS in run("report", "--campaign", "small.toml", "--dry-run")[2]
+    assert OWN_LOGS not in run("report", "--campaign", "small.toml", "--no-design", "--dry-run")[2]
 
 
 def test_plans_are_listed_with_what_set_takes(run):
