@@ -216,7 +216,7 @@ def _swept(
     """Return the logs of the sweeps, played now or found in the folder; the exit code where they were stopped."""
     from campaigns.playing.sweep_campaign import sweep_campaign
 
-    played = play_campaign(sweep_campaign(bench, axes, settings), folder, bench, seed, resume=True)
+    played = play_campaign(sweep_campaign(bench, axes, settings), folder, bench, seed)
     return played.exit_code or tuple(played.logs.values())
 
 
