@@ -33,8 +33,9 @@ def model(tmp_path: Path) -> str:
 @pytest.mark.parametrize("transport", ["pty", "tcp"])
 def test_a_served_bench_is_checked_and_ends_safely(model: str, transport: str, tmp_path: Path) -> None:
     link = tmp_path / "bench"
+    lasting = ["--link", str(link)] if transport == "pty" else []
     served = subprocess.Popen(
-        [*MCCD, "serve", "--transport", transport, "--model", model, "--link", str(link), "--json"],
+        [*MCCD, "serve", "--transport", transport, "--model", model, *lasting, "--json"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
