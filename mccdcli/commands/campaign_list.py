@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from inspect import cleandoc
 from typing import TYPE_CHECKING, Any, Final
 
@@ -58,20 +58,29 @@ def list_campaigns(plans: bool, as_json: bool) -> None:
 
 
 def _described(plan: type[Plan]) -> str:
-    """Return a plan as text: what it plays, then each setting with its default as --set takes it, and its unit."""
+    """Return a plan as text: what it plays, then each setting as --set names it, with its default and its unit."""
     rows = []
-    for name, value in plan().settings().items():
+    for name, value in _by_name(plan().settings()):
         text = _typed(value)
         _, _, last = name.rpartition("_")
         unit = UNITS.get(last, "") if last != name else ""
         rows.append((name, text if len(text) <= WIDEST else f"{text[: WIDEST - 1]}…", unit))
-    about = cleandoc(plan.__doc__ or "").replace("`", "")
+    about = cleandoc(plan.__doc__ or "").replace("`", "").replace("\n\n", "\n")
     parts = [f"{plan.name}: {plan.title}", about, table(rows, heads=("setting", "default", "unit"))]
     return "\n".join(filter(None, parts))
 
 
+def _by_name(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield every setting, one in a table by the names of both, as in `tuning.learning_s`."""
+    for name, value in settings.items():
+        if isinstance(value, dict) and value:
+            yield from _by_name(value, f"{above}{name}.")
+        else:
+            yield f"{above}{name}", value
+
+
 def _typed(value: Any, *, nested: bool = False) -> str:
-    """Return a value as --set takes it: a text without quotes, unless it is nested in a list or table."""
+    """Return a value in TOML, a text without quotes unless it is nested in a list or table."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
