@@ -9,7 +9,7 @@ from pathlib import Path
 
 from sim_backend.bench import Bench
 from sim_backend.errors import ConfigError
-from sim_backend.model import dump_model, load_model
+from sim_backend.model import bundled_models, dump_model, load_model
 
 DEFAULT_MODEL = "as-built"
 
@@ -37,7 +37,12 @@ def _open_simulated(address: str, seed: int, disturbance: float) -> Bench:
     loaded = load_model(model)
     from sim_backend.simbench import SimBench
 
-    return SimBench(loaded, seed, name=Path(model).stem, disturbance=disturbance)
+    return SimBench(loaded, seed, name=simulated_name(model), disturbance=disturbance)
+
+
+def simulated_name(model: str | Path) -> str:
+    """Return the name of the bench that a bundled model or a file simulates: that of either, without its ending."""
+    return str(model) if str(model) in bundled_models() else Path(model).stem
 
 
 def _model_digest(address: str) -> str:
@@ -82,7 +87,7 @@ BENCHES: dict[str, BenchKind] = {
     ),
     "serial": BenchKind(
         "serial:DEVICE[@BAUD]",
-        "a bench at a serial port, as in serial:/dev/ttyUSB0@921600",
+        "a bench at a serial port, as in serial:/dev/ttyUSB0@921600; 115200 baud unless given",
         _open_at("serial"),
         _told_by_identity,
         repeatable=False,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import analysis.design.api as core
 import sim_backend.model
 from analysis.design.output import AXIS_HEADS, axis_rows
+from analysis.design.uncertainty import Tolerance
 from campaigns.benches import open_bench
 from campaigns.strategies.controller import dump_controller
 from mccd.models import Model, core_model
@@ -97,21 +99,37 @@ def design(
     bench: str = "sim",
     reach_rad: float = 8.5e-3,
     settling_s: float | None = None,
+    max_power_w: float | None = None,
+    tolerance: float = 0.01,
     seed: int = 0,
     unswept: bool = False,
 ) -> Controller:
     """Return feedback, learning and feed-forward for the tilt axes of a bench, as `mccd design` does.
 
-    `runs` hold the noise at rest (plan `rest`) and, where wanted, sweeps and hysteresis loops. Of the `bench` only its
-    limits are asked. `reach_rad` is the stroke of a move, `settling_s` the time that it may take; `unswept` trusts the
-    model where no run sweeps an axis. Raises ConfigError for an axis that must be swept, for runs of several benches,
-    and for a design that would be unstable, break a limit or miss a requirement, DataError when no run holds the noise.
+    `runs` must hold the noise at rest (plan `rest`) and, unless `unswept` trusts the model, a sweep of every tilt axis
+    of bench and model (plan `sinesweep`); hysteresis loops may be among them. The `bench`, which is the one that they
+    were recorded on, is asked for its axes and limits; nothing is played. `reach_rad` is the stroke of a move,
+    `settling_s` the time that it may take (5 ms unless given, 0.1 s at most); with `max_power_w` instead, it is the
+    fastest move whose 5 Hz chop dissipates at most that. `tolerance` is how far the frequency of every mode may be off,
+    relatively and either way, in addition to the standard deviation that the model states.
+
+    Raises ConfigError for an axis that must be swept, for runs of several benches or of another one, and for a design
+    that would be unstable, break a limit or miss a requirement, DataError when no run holds the noise.
     """
+    if settling_s is not None and max_power_w is not None:
+        raise ConfigError("settling_s and max_power_w both choose the move; give one of them")
     usual = core.Options()
-    options = core.Options(reach_rad, usual.settling_s if settling_s is None else settling_s, seed=seed)
+    options = core.Options(
+        reach_rad,
+        usual.settling_s if settling_s is None else settling_s,
+        max_power_w,
+        tolerance=Tolerance(tolerance),
+        seed=seed,
+    )
     with closing(open_bench(bench, seed)) as face:
-        limits, axes = face.limits, face.axes
+        limits, axes, identity = face.limits, face.axes, face.identity
     logs = [run.log for run in opened(runs)]
+    core.require_of_bench(logs, asdict(identity))
     if not unswept:
         core.require_swept(logs, core.require_strokes(core_model(model), limits, axes, options))
     return Controller(core.design_controller(core_model(model), logs, limits, axes, options))

@@ -37,8 +37,9 @@ class Arrays:
 
     `inputs` and `outputs` are one record each, (n, n_inputs) and (n, n_outputs) or (n,) for one channel, or lists of
     records, each of which starts in an unknown state. `rate_hz` is their sample rate. `held_out` numbers the records
-    that no fit may see (by default the last that differ, or the last fifth); `period` is that of the excitation in
-    samples, 0 when it does not repeat; `temperature_k` has one (n,) per record.
+    that no fit may see, from 0; by default the last ones whose inputs differ in amplitude or waveform from all before
+    them, else the last fifth of each record. `period` is that of the excitation in samples, 0 when it does not repeat.
+    `temperature_k` has one (n,) per record.
     """
 
     inputs: ArrayLike | Sequence[ArrayLike]
@@ -63,7 +64,12 @@ class Diagnosis:
 
     @property
     def verdict(self) -> core.Verdict:
-        """One of consistent, named, ambiguous, unknown."""
+        """The answer in one word.
+
+        consistent: what the model misses is noise. named: it is wrong, and `causes` lists why. ambiguous: it is wrong,
+        and these data do not show which cause of `ambiguous` it is. unknown: it is wrong, and no effect in the library
+        explains how.
+        """
         return self.found.verdict
 
     @property
@@ -184,8 +190,8 @@ def diagnose(
     """Return what a model gets wrong about logs or arrays, why, and what correcting it gains, as `mccd diagnose` does.
 
     `without` leaves effects out of the search; `nominal_tolerance` is how far the model's own numbers are trusted,
-    relative (1σ); at most `rows` samples of all logs together are used. Raises ConfigError when model and records do
-    not match, DataError for records that decide nothing.
+    relative (1σ); at most `rows` samples of all logs together are used, of arrays all. Raises ConfigError when
+    model and records do not match, DataError for records that decide nothing.
     """
     nominal = core_model(model)
     options = Options(tolerance=nominal_tolerance, without=tuple(without), seed=seed)

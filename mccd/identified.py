@@ -87,9 +87,10 @@ def identify(
 ) -> Identification:
     """Return the linear model that explains logs best, as `mccd identify --log` does.
 
-    `modes` is their number, or several to choose from; `only` fits the segments whose label contains it, and segments
-    with `held-out` in their label are never fitted. `equal_weights` fits periodic data for the least rms error. Raises
-    DataError for runs that differ or hold nothing to fit.
+    `modes` is their number, or several to choose from (1 to 6 for each input unless given; of stepped sines it is the
+    number of each axis). `only` fits the segments whose label contains it; segments with `held-out` in their label are
+    never fitted. `equal_weights` fits periodic data for the least rms error. Raises DataError for runs that differ or
+    hold nothing to fit, ConfigError for `only` or `equal_weights` with stepped sines, which are fitted whole.
     """
     logs = [run.log for run in opened(runs)]
     found = identify_runs(logs, modes=modes, only=only, equal_weights=equal_weights, name=name)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import campaigns.log as log
+from campaigns.benches import simulated_name
 from mccd.models import Model, core_model
 from mccd.showing import as_html
 
@@ -62,7 +63,7 @@ class Run:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings of the plan, in SI; empty for imported data."""
+        """The settings of the plan, in the units that their names end with; empty for imported data."""
         return self.log.header.settings
 
     @property
@@ -161,9 +162,10 @@ def simulate(
 ) -> Run:
     """Play a plan on a model and return what its simulated bench measures, as `mccd simulate` does.
 
-    `model` is a model, its file or the name of a bundled one; `settings` are those of the plan, in SI. The log is kept
-    at `out`, else in a temporary folder until the run is closed. Raises ConfigError for an unknown model, plan or
-    setting, an existing `out`, and what the bench cannot be asked.
+    `model` is a model, its file or the name of a bundled one; `settings` are those of the plan, in the units that their
+    names end with (`alpha_deg`, `window_s`; `torque_nm` is in N m). The log is kept at `out`, else in a temporary
+    folder until the run is closed. The bench has the name of the file, or of the model. Raises ConfigError for an
+    unknown model, plan or setting, an existing `out`, and what the bench cannot be asked.
     """
     from campaigns.plans import make_plan
     from campaigns.playing.runner import run_plan
@@ -174,8 +176,8 @@ def simulate(
     if out is None:
         folder = tempfile.TemporaryDirectory(prefix="mccd-")
         out = Path(folder.name) / f"{chosen.name}.h5"
-    path = Path(out)
-    run_plan(chosen, SimBench(core, seed, name=core.name), path, seed=seed, note=note)
+    path, name = Path(out), simulated_name(model) if isinstance(model, str | Path) else core.name
+    run_plan(chosen, SimBench(core, seed, name=name), path, seed=seed, note=note)
     return Run(log.read_run(path), folder)
 
 

@@ -26,15 +26,16 @@ class BenchAddress(click.ParamType[str]):
         address = str(value)
         kind, colon, rest = address.partition(":")
         host, _, port = rest.rpartition(":")
-        well_formed = {
-            "sim": not colon or bool(rest),
-            "emulator": not colon or bool(rest),
-            "serial": bool(rest),
-            "tcp": bool(host) and port.isdecimal() and 0 < int(port) < 65536,
+        port_fits = port.isdecimal() and 0 < int(port) < 65536
+        faults = {
+            "sim": "MODEL is missing behind the colon." if colon and not rest else "",
+            "emulator": "MODEL is missing behind the colon." if colon and not rest else "",
+            "serial": "" if rest else "DEVICE is missing.",
+            "tcp": "HOST is missing." if not host else "" if port_fits else f"PORT is {port!r}; it is 1 to 65535.",
         }
-        if not well_formed.get(kind, False):
-            hint = "" if kind in well_formed else f" {did_you_mean(kind, well_formed).capitalize()}".rstrip()
-            self.fail(f"{address!r} is not a bench; a bench is {', '.join(BENCHES)}.{hint}", param, ctx)
+        fault = faults.get(kind, did_you_mean(kind, faults).capitalize())
+        if fault or kind not in faults:
+            self.fail(f"{address!r} is not a bench; a bench is {', '.join(BENCHES)}. {fault}".rstrip(), param, ctx)
         return address
 
     def risk_of(self, value: Any) -> str:
@@ -126,6 +127,11 @@ def given_note() -> str:
 
 POSITIVE: Final = RealRange(0.0, min_open=True)
 
+FRF_HELP: Final = (
+    "Read a frequency-response table instead of logs: columns 'frequency (Hz)', 'magnitude (rad/N m)' and "
+    "'phase (deg)', or real and imaginary part; 'level' may follow."
+)
+
 OPTIONS: Final[dict[str, Callable[[F], F]]] = {
     "bench": click.option(
         "--bench",
@@ -134,7 +140,7 @@ OPTIONS: Final[dict[str, Callable[[F], F]]] = {
         default="sim",
         show_default=True,
         metavar="BENCH",
-        help=f"Where to run: {', '.join(BENCHES)}.",
+        help=f"Where to run: {', '.join(BENCHES)}. MODEL is as-built and BAUD 115200 unless given.",
     ),
     "out": click.option("-o", "--out", type=NewPath(), metavar="PATH", help="Where to write the result."),
     "seed": click.option(
@@ -164,6 +170,16 @@ OPTIONS: Final[dict[str, Callable[[F], F]]] = {
         help="Result as JSON on standard output, all else on standard error.",
     ),
 }
+
+
+def without_option(command: F) -> F:
+    """Decorator that adds `--without EFFECT`, which the command receives as `without`: tuple[str, ...]."""
+    return click.option(
+        "--without",
+        multiple=True,
+        metavar="EFFECT",
+        help="Effect to leave out of the search; repeatable. `mccd model effects` lists them.",
+    )(command)
 
 
 def existing_file(name: str, nargs: int = 1, metavar: str | None = None) -> Callable[[F], F]:

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Unpack
 
+from mccdcli.chop_options import is_designed
 from mccdcli.output import say
 from mccdcli.trials import Order, count_campaign, play_campaign
 
@@ -28,11 +29,9 @@ def chop_plan(name: str, settings: Mapping[str, Any], **order: Unpack[Order]) ->
     recorded.
     """
     from campaigns.plans import make_plan
-    from campaigns.strategies import STRATEGIES
     from campaigns.strategies.controller import FILE_NAME
 
-    designed = STRATEGIES.get(settings["strategy"], "").startswith("designed:")
-    if settings["controller"] is not None or not designed:
+    if settings["controller"] is not None or not is_designed(settings["strategy"]):
         return make_plan(name, dict(settings))
     make_plan(name, {**settings, "controller": FILE_NAME})
     from campaigns.benches import open_bench
@@ -56,7 +55,7 @@ def chop_plan(name: str, settings: Mapping[str, Any], **order: Unpack[Order]) ->
             count_campaign(campaign, bench, seed, as_json=order["as_json"])
             return 0
         say(f"mccd: no --controller is given: one is designed in {folder}, from sweeps, a rest and hysteresis loops")
-        played = play_campaign(campaign, folder, bench, seed, resume=True)
+        played = play_campaign(campaign, folder, bench, seed)
         if played.exit_code:
             return played.exit_code
         _design(list(played.logs.values()), limits, axes, folder)

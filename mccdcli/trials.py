@@ -41,7 +41,8 @@ def settings_option(command: F) -> F:
         multiple=True,
         callback=_parsed,
         metavar="NAME=VALUE",
-        help="Another setting of the plan, as in its TOML; repeatable. `mccd campaign list --plans` shows them.",
+        help="Another setting of the plan, in the unit that ends its name; repeatable. `mccd campaign list --plans` "
+        "lists names, defaults and units.",
     )(command)
 
 
@@ -139,11 +140,12 @@ class PlayedCampaign(NamedTuple):
 
 
 def play_campaign(
-    campaign: Campaign, folder: Path, bench: str, seed: int, *, resume: bool, then: str = ""
+    campaign: Campaign, folder: Path, bench: str, seed: int, *, resume: bool | None = None, then: str = ""
 ) -> PlayedCampaign:
     """Play what `folder` lacks of a campaign, with progress on standard error.
 
-    Logs of more than LARGE_BYTES are announced there first, with what will be recorded `then`.
+    `resume` is the command's --resume; a command without that option always continues what the folder holds. Logs of
+    more than LARGE_BYTES are announced there first, with what will be recorded `then`.
     """
     from campaigns.playing.campaign_run import run_campaign
 
@@ -157,7 +159,7 @@ def play_campaign(
             folder,
             address=bench,
             seed=seed,
-            resume=resume,
+            resume=resume is not False,
             report=report,
             announce=announce,
             note=given_note(),
@@ -165,7 +167,8 @@ def play_campaign(
     logs = {run.name: run.log for run in outcome.runs}
     if outcome.status == "complete":
         return PlayedCampaign(logs, outcome.status, 0)
-    say(f"mccd: {outcome.status}; {folder} holds what was recorded, --resume continues")
+    how = "the same command" if resume is None else "the same command with --resume"
+    say(f"mccd: {outcome.status}; {folder} holds what was recorded; {how} continues")
     return PlayedCampaign(logs, outcome.status, INTERRUPTED)
 
 

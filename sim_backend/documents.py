@@ -26,7 +26,10 @@ class SyntaxFault(ConfigError):  # noqa: N818 it is reported as the error that i
 def read_text(
     path: Path, what: str, *, most_bytes: int = TOML_BYTES, error: type[MccdError] = ConfigError, fix: str = ""
 ) -> str:
-    """Return the text of a file that is `what`; raises `error` unless it is one of so many bytes in UTF-8."""
+    """Return the text of a file, which messages call `what`.
+
+    Raises `error`, with the `fix`, for a path without a file, more than `most_bytes`, and text that is not UTF-8.
+    """
     try:
         return read_small_text(path, most_bytes)
     except (FileNotFoundError, NotADirectoryError):

@@ -62,7 +62,11 @@ class ModalModel:
                 f"linear model: {name} holds a number that is not finite; every entry must be a real number"
             )
         if min(self.omega_rad_s.tolist(), default=0.0) < 0.0 or min(self.delay_s.tolist(), default=0.0) < 0.0:
-            raise ConfigError("linear model: a natural frequency or a delay is negative; both must be zero or more")
+            name, what = ("omega_rad_s", "block") if np.any(self.omega_rad_s < 0.0) else ("delay_s", "input")
+            first = int(np.flatnonzero(arrays[name] < 0.0)[0])
+            raise ConfigError(
+                f"linear model: {name} of {what} {first + 1} is {arrays[name][first]:g}; it must be zero or more"
+            )
 
     @property
     def n_blocks(self) -> int:

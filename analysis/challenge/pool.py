@@ -51,8 +51,9 @@ def _read(path: Path) -> dict[str, Any]:
         raise DataError(
             f"{path} has the form {form!r}, and scores of the form '{SCHEMA}' can be pooled: score its challenge again"
         )
-    if not (isinstance(document.get("seal"), str) and isinstance(document.get("cases"), list)):
-        raise DataError(f"{path} holds no seal or no list of cases: score its challenge again")
+    for key, kind, what in (("seal", str, "text"), ("cases", list, "list")):
+        if not isinstance(document.get(key), kind):
+            raise DataError(f"{path} lacks '{key}', a {what}: score its challenge again")
     return dict(document)
 
 

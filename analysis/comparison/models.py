@@ -22,7 +22,10 @@ _NOTHING: tuple[float | None, float | None] = (None, None)
 
 
 def compare_models(first: str, second: str) -> Comparison:
-    """Return modes by their nearest frequencies, gains and delays by port, effects by location, and the responses."""
+    """Return modes by their nearest frequencies, gains and delays by port, effects by location, and the responses.
+
+    `first` and `second` name a bundled model or a file. Raises ConfigError for what is neither.
+    """
     one, other = load_model(first), load_model(second)
     parts = (
         Part("Ports", _ports(one, other)),

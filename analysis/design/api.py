@@ -260,6 +260,16 @@ def bench_of(runs: Sequence[Run]) -> DesignedFor | None:
     return told[0][1] if told else None
 
 
+def require_of_bench(runs: Sequence[Run], identity: Mapping[str, str]) -> None:
+    """Raise ConfigError for runs of another bench than that of `identity`, whose limits a design is to keep."""
+    logged, here = bench_of(runs), DesignedFor.of(identity)
+    if None not in (logged, here) and logged != here:
+        raise ConfigError(
+            f"the logs are of the bench {logged}, the bench to design for is {here}; give the one that they were "
+            "recorded on (--bench; bench=… in Python)"
+        )
+
+
 def require_swept(runs: Sequence[Run], axes: Sequence[str]) -> None:
     """Raise ConfigError for an axis that no run sweeps: nothing tells whether the bench has the modes of the model."""
     swept = {s.settings.get("axis") for run in runs if run.header.test == "sinesweep" for s in run.segments}

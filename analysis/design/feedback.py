@@ -103,7 +103,10 @@ def safe_feedbacks(plants: list[ModalModel], noise: Noise, rate_hz: float) -> It
     ]
     solved = [one for one in candidates if one is not None]
     if not solved:
-        raise ConfigError("feedback: no Riccati equation of this plant and noise has a solution; use another model")
+        raise ConfigError(
+            "feedback: no Riccati equation of this plant and noise can be solved in double precision; compare gains "
+            "and units of the model with those of the bench (`mccd log show`), and identify the axis anew"
+        )
     least = 3.0 * least_reading_rad(plants[0], noise, rate_hz)
     safe = [one for one in solved if one.peak_db[0] <= PEAK_DB and one.most_peak_db <= WORST_PEAK_DB]
     found = False

@@ -31,7 +31,10 @@ CHOP_DWELL_S = 0.1
 
 @dataclass(frozen=True)
 class Move:
-    """A move of the stroke `reach_rad`: its samples and concentration, when it arrives, and the torque it takes."""
+    """A move of a stroke: its samples and concentration, when it arrives, and its peak torque `peak_nm` in N m.
+
+    `unlearned_rad` is the largest part of it above the frequencies that are learned.
+    """
 
     n_samples: int
     concentration: float
@@ -41,7 +44,10 @@ class Move:
 
 
 def design_move(plant: ModalModel, reach_rad: float, settling_s: float, cutoff_hz: float, rate_hz: float) -> Move:
-    """Return the move of least peak torque; raises ConfigError when none arrives in time within the learned band."""
+    """Return the move of `reach_rad` in `settling_s` that takes the least peak torque (N m), sampled at `rate_hz`.
+
+    Frequencies up to `cutoff_hz` are learned. Raises ConfigError when no move arrives in time within that band.
+    """
     allowed = int(MARGIN * settling_s * rate_hz)
     dwell = max(round(CHOP_DWELL_S * rate_hz), 4 * allowed)
     found: list[Move] = []

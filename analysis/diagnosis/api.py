@@ -35,11 +35,11 @@ def diagnose(
 
     Shapes: each record's input (n, n_u) and output (n, n_y), or (n,) for one channel, in the order and units of the
     model's ports; one record or a list of them, each starting in an unknown state. `held_out` numbers the records that
-    no fit may see (without any, the last that differ, or the last fifth); `period` is that of the excitation in
-    samples, 0 when it does not repeat. `temperature_k` has one (n,) per record. Write the result with
-    `analysis.diagnosis.answer.output.write_files` and `analysis.diagnosis.answer.page.write_page`. Raises
-    ConfigError when arrays and model do not match, DataError for records that decide nothing: too few samples, a
-    constant or cut-off output, inputs at rest.
+    no fit may see, from 0; by default the last whose inputs differ in amplitude or waveform from all before them, else
+    the last fifth of each record. `period` is that of the excitation in samples, 0 when it does not repeat.
+    `temperature_k` has one (n,) per record. Write the result with `analysis.diagnosis.answer.output.write_files` and
+    `analysis.diagnosis.answer.page.write_page`. Raises ConfigError when arrays and model do not match, DataError for
+    records that decide nothing: too few samples, a constant or cut-off output, inputs at rest.
     """
     us, ys = _records(inputs, len(model.inputs), "inputs"), _records(outputs, len(model.outputs), "outputs")
     if len(us) != len(ys):

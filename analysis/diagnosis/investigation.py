@@ -77,6 +77,10 @@ class Quest:
         }
 
 
+LONGEST = 40
+"""Characters of a setting in the error that compares two."""
+
+
 @dataclass(frozen=True)
 class Round:
     """One round: the plan with the settings that differ from its defaults, its log, and what all logs so far say."""
@@ -272,11 +276,14 @@ def _claimed(quest: Quest, home: Path, resume: bool) -> list[Round]:
         before, rounds = state["fingerprint"], [Round(**entry) for entry in state["rounds"]]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise DataError(f"{path}: cannot be read ({error}); choose another --out, the logs in it stay") from None
-    differs = [key for key, value in quest.fingerprint().items() if before.get(key) != value]
-    if differs:
+    changes = [
+        f"{key} was {str(before.get(key))[:LONGEST]} and is {value[:LONGEST]}"
+        for key, value in quest.fingerprint().items()
+        if before.get(key) != value
+    ]
+    if changes:
         raise ConfigError(
-            f"{home} cannot be resumed: its {', '.join(differs)} differed; repeat the old settings or choose another "
-            "--out"
+            f"{home} cannot be resumed: {', '.join(changes)}; repeat the old settings or choose another --out"
         )
     return rounds
 

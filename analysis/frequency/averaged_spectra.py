@@ -45,8 +45,7 @@ class AveragedSpectra:
         lines = np.flatnonzero(np.all(power[:, w] > floor * power[:, w].max(axis=0), axis=1))
         s, size = self.total[lines], np.sqrt(power[lines])
         joint = s[:, u, w] / (size[:, u, None] * size[:, None, w])
-        if lines.size == 0 or not np.all(np.isfinite(joint)) or np.any(np.linalg.cond(joint) > SEPARABLE):
-            raise DataError("the inputs do not move independently at every frequency; excite them independently")
+        _require_independent(joint, lines * rate_hz / self.piece)
         inverse = np.linalg.inv(s[:, u, w])
         g = s[:, y, w] @ inverse
         mix = np.concatenate([-g, np.broadcast_to(np.eye(n_y), (lines.size, n_y, n_y))], axis=2)
@@ -67,6 +66,25 @@ class AveragedSpectra:
             2.0 * power[lines, y] / self.count,
             dof,
             dof,
+        )
+
+
+def _require_independent(joint: ComplexArray, frequency_hz: Array) -> None:
+    """Raise DataError where the inputs cannot be separated by their normalised spectra (n_f, n_u, n_u)."""
+    if frequency_hz.size == 0:
+        raise DataError("there is no frequency at which every input moves; excite all inputs in one band")
+    still = np.flatnonzero(~np.isfinite(joint).all(axis=(1, 2)))
+    if still.size:
+        raise DataError(
+            f"an input does not move at {frequency_hz[still[0]]:.4g} Hz; excite all inputs at every frequency in use"
+        )
+    condition = np.linalg.cond(joint)
+    worst = int(np.argmax(condition))
+    if condition[worst] > SEPARABLE:
+        raise DataError(
+            f"the inputs do not move independently at {frequency_hz[worst]:.4g} Hz: the condition of their spectra is "
+            f"{condition[worst]:.3g} there, the limit is {SEPARABLE:g}; excite them one after the other, or by "
+            "independent signals"
         )
 
 

@@ -115,7 +115,10 @@ def _checked(first: Array, outputs: Array, drop: int) -> tuple[Array, Array]:
             f"records have {first.ndim} and {outputs.ndim} dimensions; needs (sample, channel, realisation, period)"
         )
     if first.shape[0] != outputs.shape[0] or first.shape[2:] != outputs.shape[2:]:
-        raise ConfigError(f"input {first.shape} and output {outputs.shape} differ in samples, realisations or periods")
+        raise ConfigError(
+            f"input {first.shape} and output {outputs.shape} (sample, channel, realisation, period) differ in more "
+            "than their channels; give the same samples, realisations and periods of both"
+        )
     if drop < 0 or drop >= first.shape[3]:
         raise ConfigError(f"{drop} of {first.shape[3]} periods are to be dropped; leave at least one")
     if first.shape[2] < first.shape[1]:

@@ -55,6 +55,8 @@ def identify_table(
         if not keep.any():
             there = ", ".join(f"{one:g}" for one in np.unique(table.level)[:10])
             raise ConfigError(f"{path} has no level {level:g}: it has {there}")
+    elif level is not None:
+        raise ConfigError(f"{path} has no level {level:g}: it has no column of levels; leave out --level")
     f, response = table.frequency_hz[keep], table.response[keep]
     if rate_hz is not None and rate_hz < 2.0 * f[-1]:
         raise ConfigError(f"rate is {rate_hz:g} Hz, the table ends at {f[-1]:g} Hz: give more than twice that")

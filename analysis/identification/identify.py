@@ -45,7 +45,7 @@ from campaigns.facts import facts_of, measured_segments
 from campaigns.facts.loop import NAME as LOOP
 from campaigns.log import Run
 from campaigns.progress import Report, part_of, unheard
-from sim_backend.errors import DataError
+from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import ModalModel
 from sim_backend.model import EffectEntry, Port, Quantity
 
@@ -81,12 +81,14 @@ def identify_runs(
     `modes` is the number of modes or several to choose from (per axis for sweeps); `only` fits the segments whose
     label contains it. `equal_weights` fits periodic data for the least rms error instead of weighing each line by its
     noise: better when the misfit is nonlinear distortion, not noise. `tell` hears the remarks on the records before
-    anything is fitted. Raises DataError for runs that differ or hold nothing to fit.
+    anything is fitted. Raises DataError for runs that differ or hold nothing to fit, ConfigError for `only` and
+    `equal_weights` with stepped sines, which are fitted whole, each axis by its own noise.
     """
     orders = _orders(runs, modes)
     if not runs:
         raise DataError("identify: no run is given; give one log at least")
     if all(is_stepped_sine(run) for run in runs):
+        _require_whole(only, equal_weights)
         return identify_sweeps(runs, orders, name, report, tell)
     _require_same_channels(runs)
     still = inputs_at_rest(runs)
@@ -105,11 +107,20 @@ def identify_runs(
     if periodic is not None:
         found = _from_periods(periodic, parts, orders, name, equal_weights, report)
     else:
+        if equal_weights:
+            told = (*told, "equal weights have no effect: no excitation of these records repeats")
+            tell(told[-1])
         found = _from_free(fitting, parts, modes, name, report, tell)
     missed = remarks_on_misses(found.response, response_of_model(found.model))
     measured = found.response or tuple(curves_in_a_loop(fitting))
     grows = remarks_on_growth(found.model, measured)
     return replace(found, remarks=(*told, *grows, *found.remarks, *missed))
+
+
+def _require_whole(only: str, equal_weights: bool) -> None:
+    for given, what in ((only, "--only (only)"), (equal_weights, "--equal-weights (equal_weights)")):
+        if given:
+            raise ConfigError(f"{what} has no effect on stepped sines, which are fitted whole; leave it out")
 
 
 def _from_free(
@@ -364,13 +375,20 @@ def _rest(model: ModalModel, u: Array, y: Array) -> Array:
 
 
 def _require_same_channels(runs: Sequence[Run]) -> None:
+    first = runs[0]
     for run in runs[1:]:
-        same = [run.names(role) == runs[0].names(role) for role in ("input", "output")]
-        if not all(same) or run.sample_rate_hz != runs[0].sample_rate_hz:
-            raise DataError(f"{run.path} has other channels or another rate than {runs[0].path}; identify them apart")
-    for role in ("input", "output"):
-        if not runs[0].names(role):
-            raise DataError(f"{runs[0].path} has no {role} channel; give that role to at least one when importing")
+        for role in ROLES:
+            own, wanted = (", ".join(one.names(role)) or "none" for one in (run, first))
+            if own != wanted:
+                raise DataError(f"{run.path} has the {role}s {own}, {first.path} has {wanted}; identify them apart")
+        if run.sample_rate_hz != first.sample_rate_hz:
+            raise DataError(
+                f"{run.path} has {run.sample_rate_hz:g} Hz, {first.path} has {first.sample_rate_hz:g} Hz; identify "
+                "them apart, or import both at one rate"
+            )
+    for role in ROLES:
+        if not first.names(role):
+            raise DataError(f"{first.path} has no {role} channel; give that role to at least one when importing")
 
 
 def _ports(run: Run) -> tuple[list[Port], list[Port]]:

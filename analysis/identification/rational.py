@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -42,9 +42,13 @@ def fit_rational(
     """
     target = make_target(frequency_hz, response, variance, hold_rate_hz)
     wanted = (blocks,) if isinstance(blocks, int) else tuple(sorted(blocks))
-    if not wanted or wanted[0] < 1 or 2 * wanted[-1] >= target.frequency_hz.size:
-        limit = (target.frequency_hz.size - 1) // 2
-        raise ConfigError(f"blocks is {blocks}; choose 1 to {limit} for {target.frequency_hz.size} frequency lines")
+    require_blocks(wanted)
+    lines = target.frequency_hz.size
+    if 2 * wanted[-1] >= lines:
+        raise ConfigError(
+            f"{wanted[-1]} modes (blocks) need more than {2 * wanted[-1]} frequency bins, and there are {lines}; "
+            f"choose 1 to {(lines - 1) // 2} (--modes)"
+        )
     if start is not None and (start.d.shape != target.response.shape[1:] or start.n_blocks > wanted[0]):
         shape = f"{start.n_blocks} blocks, {start.n_outputs} outputs and {start.n_inputs} inputs"
         raise ConfigError(f"start has {shape}; needs at most {wanted[0]} blocks and the response's outputs and inputs")
@@ -60,6 +64,13 @@ def fit_rational(
         best = fit if best is None or fit.criterion < best.criterion else best
     assert best is not None
     return replace(best, orders=tuple(tried))
+
+
+def require_blocks(wanted: Sequence[int]) -> None:
+    """Raise ConfigError unless the numbers of modes to choose from, the smallest first, are there and above zero."""
+    if not wanted or wanted[0] < 1:
+        given = f"{wanted[0]} modes (blocks) are asked for" if wanted else "no number of modes (blocks) is given"
+        raise ConfigError(f"{given}; give 1 or more (--modes)")
 
 
 class _Search:

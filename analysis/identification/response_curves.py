@@ -61,12 +61,17 @@ def _curve(
     return ResponseCurve(output, input_, frequency_hz, np.abs(response), np.angle(response), *spread)
 
 
-def save_curves(curves: tuple[ResponseCurve, ...], path: Path) -> None:
-    """Write the curves as one CSV table; raises ConfigError when there are none or the file exists."""
+def require_new(curves: tuple[ResponseCurve, ...], path: Path) -> None:
+    """Raise ConfigError where there are no curves to write to `path`, or where it exists."""
     if not curves:
         raise ConfigError(f"{path}: this record gives a model but no response by frequency; excite it periodically")
     if path.exists():
         raise ConfigError(f"{path} exists and is not overwritten; choose another path")
+
+
+def save_curves(curves: tuple[ResponseCurve, ...], path: Path) -> None:
+    """Write the curves as one CSV table; raises ConfigError as `require_new`."""
+    require_new(curves, path)
     import pandas as pd  # a third of a second, which only this needs
 
     frames = [pd.DataFrame({name: getattr(curve, name) for name in curve.__dataclass_fields__}) for curve in curves]

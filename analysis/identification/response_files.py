@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.identification.response_curves import ResponseCurve, save_curves
+from analysis.identification.response_curves import ResponseCurve, require_new, save_curves
 from campaigns.spreadsheet import as_named
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.safe_write import write_text
@@ -30,8 +30,7 @@ def save_response(curves: tuple[ResponseCurve, ...], path: Path) -> None:
         raise ConfigError(
             f"{path}: '{path.suffix}' is not a format of responses; use .csv, or .s1p, .s2p … for N inputs"
         )
-    if not curves or path.exists():
-        raise ConfigError(f"{path} exists or there is no response to write; choose another path, excite periodically")
+    require_new(curves, path)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, _touchstone(curves, path))
 

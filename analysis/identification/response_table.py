@@ -205,15 +205,22 @@ def _spread(
     if std is not None:
         if units.get("std", "").lower().startswith("db") or units.get("magnitude", "").lower().startswith("db"):
             raise DataError(f"{path}: a deviation in dB is not read; give magnitude and its deviation in one unit")
-        if np.any(std[keep] <= 0.0):
-            raise DataError(f"{path}: a standard deviation is {std[keep].min():g}; it must be above zero")
+        _require_within(path, "standard deviation", std, keep & (std <= 0.0), values, "it must be above zero")
         std = std * factor if np.isfinite(std[keep]).all() else None
     if coherence is not None:
-        if np.any((coherence[keep] < 0.0) | (coherence[keep] > 1.0)):
-            worst = coherence[keep][np.argmax(np.abs(coherence[keep] - 0.5))]
-            raise DataError(f"{path}: a coherence is {worst:g}; it lies between 0 and 1")
+        outside = keep & ((coherence < 0.0) | (coherence > 1.0))
+        _require_within(path, "coherence", coherence, outside, values, "it lies between 0 and 1")
         coherence = coherence if np.isfinite(coherence[keep]).all() else None
     return std, coherence
+
+
+def _require_within(path: Path, what: str, column: Array, wrong: Any, values: dict[str, Array], limit: str) -> None:
+    """Raise DataError for the first row (n,) that is `wrong`, with its frequency as the file has it."""
+    for row in np.flatnonzero(wrong)[:1]:
+        raise DataError(
+            f"{path}: row {row + 1}, at the frequency {values['frequency'][row]:g}, has a {what} of {column[row]:g}; "
+            f"{limit}: correct the number, or leave out the column"
+        )
 
 
 def _role(name: str) -> str | None:

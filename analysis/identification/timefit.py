@@ -11,6 +11,7 @@ from analysis.identification.dropped import Dropped
 from analysis.identification.growth import grown
 from analysis.identification.modal_parameters import Layout, Structure, determined, layout_of, pack, step_limit, unpack
 from analysis.identification.normal_equations import Normal, covariance, minimise
+from analysis.identification.rational import require_blocks
 from analysis.identification.time_residual import (
     TimeTarget,
     model_outputs,
@@ -106,8 +107,7 @@ def fit_records(
     target = _target(inputs, outputs, rate_hz)
     structure = structure or Structure()
     wanted = (blocks,) if isinstance(blocks, int) else tuple(sorted(blocks))
-    if not wanted or wanted[0] < 1:
-        raise ConfigError(f"blocks is {blocks}; give at least one positive number of blocks")
+    require_blocks(wanted)
     tried: list[tuple[int, float]] = []
     best: TimeFit | None = None
     last: TimeFit | None = None

@@ -48,10 +48,16 @@ class Whiteness:
 
 
 def whiteness(residual: Array, lags: int = 25, fitted: int = 0) -> Whiteness:
-    """Return whether a residual (n,) is white (Ljung & Box 1978) over `lags`, `fitted` noise parameters counted off."""
+    """Return the autocorrelation of a residual (n,) at lags 1 to `lags`, and the test that it is white (Ljung-Box).
+
+    A small p-value says that it is not white. `fitted` noise parameters are taken off its degrees of freedom. Raises
+    DataError for fewer than 2 `lags` + 1 samples, and for `lags` that do not exceed `fitted`. Source: Ljung & Box 1978.
+    """
     n = residual.size
-    if n <= 2 * lags or lags <= fitted:
-        raise DataError(f"residual of {n} samples is too short for {lags} lags; needs more than {2 * lags}")
+    if n <= 2 * lags:
+        raise DataError(f"the residual has {n} samples, {lags} lags need more than {2 * lags}; give fewer lags")
+    if lags <= fitted:
+        raise DataError(f"lags is {lags} with {fitted} fitted noise parameters; give more lags than parameters")
     rho = _correlation(residual, residual, lags)[1:]
     statistic = float(n * (n + 2) * np.sum(rho**2 / (n - np.arange(1, lags + 1))))
     return Whiteness(rho, statistic, float(scipy.stats.chi2.sf(statistic, lags - fitted)))
@@ -67,14 +73,18 @@ class InputCorrelation:
 
 
 def input_correlation(residual: Array, u: Array, lags: int = 25) -> InputCorrelation:
-    """Return whether a residual (n,) still holds something that an input (n,) explains at lags 0 … `lags`.
+    """Return the correlation of a residual (n,) with an input (n,) at lags 0 to `lags`, and the test that it is zero.
 
-    Each correlation's variance follows from both autocorrelations (Bartlett), so neither needs to be white; under
-    independence the statistic is chi2 with lags + 1 degrees of freedom. Raises DataError when the record is too short.
+    A small p-value says that the input explains some of the residual. Each correlation's variance follows from both
+    autocorrelations (Bartlett), so neither needs to be white; under independence the statistic is chi2 with lags + 1
+    degrees of freedom. Raises DataError for unequal lengths, and for fewer than 4 `lags` + 1 samples.
     """
     n = residual.size
     if u.shape != residual.shape or n <= 4 * lags:
-        raise DataError(f"residual {residual.shape} and input {u.shape}; needs equal lengths above {4 * lags}")
+        raise DataError(
+            f"the residual has the shape {residual.shape}, the input {u.shape}; {lags} lags need equal lengths above "
+            f"{4 * lags}: give the input of the same samples, or fewer lags"
+        )
     cross = _correlation(residual, u, lags)
     reach = min(n - 1, max(10 * lags, 100))
     auto_r, auto_u = _correlation(residual, residual, reach + lags), _correlation(u, u, reach + lags)

@@ -83,7 +83,8 @@ def _measured(run: Run) -> Sweep:
     command = next((n for n in run.names("input") if run.channels[n].dof == axis), None)
     reading = next((n for n in run.names("output") if run.channels[n].dof == axis), None)
     if command is None or reading is None:
-        raise DataError(f"{run.path} lacks the command or the reading of axis '{axis}'; record both")
+        lacks = " and ".join(what for what, name in (("command", command), ("reading", reading)) if name is None)
+        raise DataError(f"{run.path} lacks the {lacks} of axis '{axis}'; record command and reading")
     parts = _whole(run, reading, [s for s in usable_segments(run) if _is_step(s)])
     fits = [_fitted(run, (command, reading), few, parts[0].start) for few in _gathered(parts)]
     inputs, outputs = (joined([fit.channel(i) for fit in fits]) for i in range(2))

@@ -94,8 +94,11 @@ def _selected(found: ImportMap, part: PartMap | None) -> dict[str, str]:
     chosen = {}
     for name, channel in found.channels.items():
         wanted = (part.select.get(name) if part else None) or channel.select
-        if channel.time or channel.sample_rate_hz or channel.source:
-            raise ConfigError(f"[channels.{name}] of an archive has no clock or source of its own: take them out")
+        for key in ("time", "sample_rate_hz", "source"):
+            if getattr(channel, key):
+                raise ConfigError(
+                    f"[channels.{name}] states {key}, and a channel of an archive has that of the archive: take it out"
+                )
         if wanted is None:
             raise ConfigError(f"[channels.{name}] of an archive is selected by the name of its readings: give select")
         chosen[name] = wanted

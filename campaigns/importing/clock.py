@@ -227,8 +227,11 @@ def clock_start(stamps: Stamps) -> float:
 
 
 def _check_stamps(time_s: Array, what: str) -> None:
-    if time_s.size < 2 or not np.all(np.isfinite(time_s)):
-        raise DataError(f"{what} has {time_s.size} stamps or some that are not finite: give at least two numbers")
+    if time_s.size < 2:
+        raise DataError(f"{what} has {time_s.size} stamps: give at least two")
+    wrong = np.flatnonzero(~np.isfinite(time_s))
+    if wrong.size:
+        raise DataError(f"{what}: stamp {wrong[0] + 1} of {time_s.size} is {time_s[wrong[0]]}: give finite numbers")
 
 
 def _period_s(time_s: Array) -> float:

@@ -20,7 +20,8 @@ PACKING = ("scale_factor", "add_offset", "_FillValue", "missing_value", "valid_m
 def unpacked(values: NDArray[Any], attributes: Mapping[str, Any]) -> NDArray[Any]:
     """Return numbers, any shape, as the attributes mean them; not-a-number where one is missing.
 
-    Values equal to the fill value, or outside of the valid range, are missing; both are stated in packed numbers.
+    The result has the shape of `values`. Values equal to the fill value, or outside of the valid range, are missing;
+    both are stated in packed numbers. Raises DataError for an attribute that is not a number.
     """
     known: dict[str, NDArray[Any]] = {}
     for name, value in attributes.items():

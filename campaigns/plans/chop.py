@@ -23,7 +23,7 @@ TIP_TILT = ("theta_x", "theta_y")
 
 
 class ChopPlan(Plan, frozen=True, kw_only=True):
-    """Chop by `from_rad` to `to_rad` about the axis at `alpha_deg` (0 is θx, 90 is θy), with `strategy`.
+    """Chop from `from_rad` to `to_rad` about the axis at `alpha_deg` (0 is θx, 90 is θy), with `strategy`.
 
     `cycles` whole periods of 1/`frequency_hz`; the last `window_s` of each dwell are the observation. The strategy is
     designed on `model`, a design model by name or path; the designed strategies play the file `controller`.

@@ -19,9 +19,10 @@ Array = NDArray[np.float64]
 class FreeRun(Plan, frozen=True, kw_only=True):
     """Open loop on `axes`: `steps_s` of random levels, `noise_s` of noise, then the same held out at `held_out_gain`.
 
-    Steps go to uniformly random levels of up to `torque_nm` (angles) or `force_n` (z) along half a cosine in `move_s`
-    and stay for `dwell_s`, so that position, direction and rest all vary. Noise is Gaussian with all frequencies up to
-    `noise_stop_hz`, of a fifth of that size (rms). Of the held-out part the noise is a multisine at other frequencies.
+    Steps go to uniformly random levels of up to `torque_nm` (N m, angles) or `force_n` (N, z) along half a cosine in
+    `move_s` and stay for `dwell_s`, so that position, direction and rest all vary. Noise is Gaussian with all
+    frequencies up to `noise_stop_hz`, of a fifth of that size (rms). Of the held-out part the noise is a multisine at
+    other frequencies.
     """
 
     name: ClassVar[str] = "freerun"

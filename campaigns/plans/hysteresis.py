@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Hysteresis(Plan, frozen=True, kw_only=True):
-    """Loops of `torques_nm` at `frequency_hz`, `cycles` each, then steps of `step_rad` from each of `offsets_rad`.
+    """Loops of `torques_nm` (N m) at `frequency_hz`, `cycles` each, then steps of `step_rad` from `offsets_rad`.
 
     The frequency is so low that the phase lag of the damping (0.03 % of a turn of the loop at 0.2 Hz) stays far
     below the remanence sought. A step is the least-norm feed-forward of `move_s` designed on the linear `model`; its

@@ -26,7 +26,8 @@ class Multisine(Plan, frozen=True, kw_only=True):
     Each of `realisations` draws new phases from `seed` and is played as one experiment per axis, the phases of the axes
     shifted relative to each other by the rows of a Fourier matrix, so that the inputs of a realisation are orthogonal
     (Pintelon and Schoukens, System Identification, 2012, 3.7). An experiment is `transient_periods` and `periods`.
-    `torque_rms_nm` acts on angles, `force_rms_n` on z. A last, held-out realisation has `held_out_gain` times that.
+    `torque_rms_nm` (N m) acts on angles, `force_rms_n` (N) on z. A last, held-out realisation has `held_out_gain` times
+    that.
     """
 
     name: ClassVar[str] = "multisine"

@@ -248,7 +248,9 @@ def _refuse_open_logs(states: dict[str, RunState]) -> None:
     """Raise DataError for a log that another program holds open for writing: it must neither be kept nor moved."""
     for state in states.values():
         if state.log.exists() and has_writer(state.log, unknown=False):
-            raise DataError(f"{state.log} is open for writing in another program; close it there, then --resume")
+            raise DataError(
+                f"{state.log} is open for writing in another program; close it there, then give the same command again"
+            )
 
 
 def _found(state: RunState) -> RunState:

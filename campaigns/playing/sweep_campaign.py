@@ -9,6 +9,7 @@ from typing import Any
 from campaigns.benches import open_bench
 from campaigns.plans.base import axis_of
 from campaigns.playing.campaign import Campaign, RunEntry
+from sim_backend.errors import ConfigError
 
 Z_AMPLITUDE_N = 0.01
 """Force on z that keeps its resonance, 13 times the static 0.6 mm/N, within the end stops."""
@@ -19,6 +20,8 @@ def sweep_campaign(address: str, axes: Sequence[str], settings: dict[str, Any]) 
 
     Raises ConfigError for a bench, an axis or settings that do not exist.
     """
+    if "axis" in settings:
+        raise ConfigError(f"the setting axis is {settings['axis']}, and every axis has a sweep of its own; use --axis")
     with closing(open_bench(address, 0)) as bench:
         for axis in axes:
             axis_of(bench, axis)

@@ -191,8 +191,10 @@ def _decode_learning(source: _Source) -> Learning | None:
         return None
     taps = tuple(source.numbers(n_taps, "<f8").tolist())
     given = _decode_filter(source)
-    if given is None or not np.all(np.isfinite([gain, *taps])):
-        raise ConfigError("segment image: a learning without a filter, or with numbers that are not finite; mend it")
+    if given is None:
+        raise ConfigError("segment image: a learning has no filter; send one with it")
+    if not np.all(np.isfinite([gain, *taps])):
+        raise ConfigError("segment image: gain or taps of a learning are not finite; send finite numbers")
     return Learning(given, gain, lead, period, taps, bool(active))
 
 

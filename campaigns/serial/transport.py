@@ -17,6 +17,9 @@ from campaigns.serial.shared_token import shared_token
 from sim_backend.errors import ConfigError
 
 BITS_PER_BYTE = 10
+USUAL_BAUD = "115200"
+"""Baud rate of a serial bench whose address has none."""
+MOST_BAUD = 100_000_000
 _PIECE_BYTES = 65536
 
 
@@ -210,13 +213,20 @@ class TcpTransport:
 def transport_at(kind: str, address: str) -> Transport:
     """Return the transport of `serial` DEVICE[@BAUD] or `tcp` HOST:PORT; raises ConfigError for another format."""
     if kind == "serial":
-        device, _, baud = address.rpartition("@") if "@" in address else (address, "", "115200")
-        if not device or not baud.isdecimal() or not 0 < int(baud) <= 100_000_000:
-            raise ConfigError(f"serial:{address} is not a serial bench; write serial:DEVICE or serial:DEVICE@BAUD")
+        device, _, baud = address.rpartition("@") if "@" in address else (address, "", USUAL_BAUD)
+        if not device:
+            raise ConfigError(f"serial:{address} names no device; write serial:DEVICE or serial:DEVICE@BAUD")
+        if not baud.isdecimal() or not 0 < int(baud) <= MOST_BAUD:
+            raise ConfigError(
+                f"serial:{address} has the baud rate '{baud}'; it must be a whole number from 1 to {MOST_BAUD}, as in "
+                f"serial:{device}@{USUAL_BAUD}"
+            )
         return SerialTransport(device, int(baud))
     host, _, port = address.rpartition(":")
-    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise ConfigError(f"tcp:{address} is not a TCP bench; write tcp:HOST:PORT")
+    if not host:
+        raise ConfigError(f"tcp:{address} names no host; write tcp:HOST:PORT")
+    if not port.isdecimal() or not 0 < int(port) < 65536:
+        raise ConfigError(f"tcp:{address} has the port '{port}'; it must be a whole number from 1 to 65535")
     return TcpTransport(host, int(port), token=shared_token())
 
 

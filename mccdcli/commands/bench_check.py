@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from mccdcli.idle_options import refuse_typed
 from mccdcli.options import BENCHES, BenchAddress, common_options
 from mccdcli.output import BAD, GOOD, emit, table
 from mccdcli.progress import progress
@@ -36,6 +37,8 @@ def check(bench: str, seed: int, as_json: bool) -> int:
     if kind == "sim":
         raise ConfigError("bench 'sim' has no line to check; check emulator, serial:DEVICE or tcp:HOST:PORT")
 
+    if kind != "emulator":
+        refuse_typed(("seed",), "goes with --bench emulator: this bench draws nothing from it; leave it out")
     from campaigns.serial.conformance import check_bench
     from campaigns.serial.emulator import EmulatorProcess
     from campaigns.serial.serve import ServeOptions

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from mccdcli.idle_options import refuse_typed
 from mccdcli.options import NewPath, RealRange, WholeRange, common_options
 from mccdcli.output import emit, say
 
@@ -15,7 +16,7 @@ from mccdcli.output import emit, say
 @click.option("--model", default="as-built", show_default=True, metavar="MODEL", help="Model of the emulated bench.")
 @click.option("--link", type=NewPath(), metavar="PATH", help="Symbolic link that leads to the pseudo-terminal.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on with tcp.")
-@click.option("--port", type=WholeRange(0, 65535), default=0, help="Port to listen on with tcp; 0 takes a free one.")
+@click.option("--port", type=WholeRange(0, 65535), default=0, show_default=True, help="Port of tcp; 0: a free one.")
 @click.option("--allow-remote", is_flag=True, help="Allow a --host that other machines can reach; they need the token.")
 @click.option(
     "--token-file",
@@ -66,6 +67,10 @@ def serve(
       mccd bench serve --transport tcp --port 5025 --speed 1
       mccd bench serve --link ./bench --baud 115200 --faults 7/flip=1e-4,drop=1e-5
     """
+    if transport == "pty":
+        refuse_typed(("host", "port", "allow_remote", "token_file"), "goes with --transport tcp")
+    else:
+        refuse_typed(("link",), "goes with --transport pty: it leads to a pseudo-terminal")
     from campaigns.benches import open_bench
     from campaigns.serial.serve import ServeOptions
     from campaigns.serial.serve import serve as run

@@ -19,7 +19,7 @@ from mccdcli.progress import Report, progress
     type=click.Choice(["first", "second"]),
     default="first",
     show_default=True,
-    help="Which generator makes the cases; the two share no law.",
+    help="Which generator makes the cases; the two share no law (a formula by which an effect is simulated).",
 )
 @click.option("--one", type=WholeRange(0), default=1, show_default=True, help="Cases with one effect, per family.")
 @click.option(
@@ -42,16 +42,20 @@ from mccdcli.progress import Report, progress
     "--twisted",
     type=WholeRange(0),
     default=0,
+    show_default=True,
     help="Second generator: cases with a listed effect whose law is changed, per such law.",
 )
 @click.option(
     "--unlisted",
     type=WholeRange(0),
     default=0,
+    show_default=True,
     help="Second generator: cases of a law that no listed effect reproduces, per such law.",
 )
 @click.option(
-    "--reserved", is_flag=True, help="Second generator: hide the reserved unlisted laws instead of the others."
+    "--reserved",
+    is_flag=True,
+    help="Second generator: hide the third of the unlisted laws that is kept for final scores, instead of the others.",
 )
 @click.option(
     "--family",
@@ -63,7 +67,8 @@ from mccdcli.progress import Report, progress
 @click.option(
     "--shape",
     type=click.Choice(["full", "aperiodic", "short"]),
-    help="First generator: make only campaigns of this kind.  [default: mixed]",
+    help="First generator: make only campaigns of this kind. full: periodic multisines and more, 136,000 samples. "
+    "aperiodic: nothing repeats. short: 13,200 samples.  [default: mixed, 70, 20 and 10 % of the cases]",
 )
 @click.option(
     "--jobs", type=WholeRange(1), default=1, show_default=True, help="Number of cases to make at the same time."
@@ -87,6 +92,9 @@ def make(
     as_json: bool,
 ) -> None:
     """Make blind cases: logs of benches with hidden effects in DIR/cases, the sealed truth in DIR/truth.
+
+    A family is a cause that the diagnosis can name, with all laws by which it is simulated. Listed are the effects that
+    the diagnosis searches (`mccd model effects`). Numbers are of cases in all, unless they are per family or law.
 
     \b
     Examples:

@@ -23,8 +23,8 @@ def pool(scores: tuple[Path, ...], out: Path | None, as_json: bool) -> int:
     """Make one score of several.
 
     The scores may be of parts of one challenge, or of several challenges. Writes OUT.md and OUT.json (default: pooled,
-    in the current folder). The exit code is 0 when every measure meets its requirement on as many cases as the design
-    demands, else 1. The page names every version that diagnosed a case.
+    in the current folder). The exit code is 0 when every measure meets its requirement on enough cases, as `mccd
+    challenge score --help` says, else 1. The page names every version that diagnosed a case.
 
     \b
     Examples:

@@ -22,7 +22,8 @@ def score(
     """Reveal the truth of a challenge, check its seal, and score the diagnoses.
 
     Writes OUT.md and OUT.json (default: score in DIR). The exit code is 0 when every measure meets its requirement on
-    as many cases as the design demands, else 1.
+    enough cases, else 1. Enough are 300 cases with nothing hidden, and 20 of every family with one effect; the page
+    names what has fewer.
 
     \b
     Examples:

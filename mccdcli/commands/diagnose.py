@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from click.core import ParameterSource
 
+from mccdcli.idle_options import refuse_typed
 from mccdcli.junit import Case, prepare_junit, write_junit
-from mccdcli.options import BenchAddress, NewPath, Percent, Real, WholeRange, common_options
+from mccdcli.options import FRF_HELP, BenchAddress, NewPath, Percent, Real, WholeRange, common_options, without_option
 from mccdcli.output import VERDICTS, emit, say, table
 from mccdcli.pdf import pdf_option, printed
 from mccdcli.progress import progress
@@ -31,7 +32,7 @@ POSSIBLE: Final = ("consistent", "named", "ambiguous", "unknown")
 @click.command()
 @click.argument("runs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="RUN.h5…")
 @click.option("--model", "nominal", required=True, metavar="MODEL", help="Model to judge: a file or a bundled one.")
-@click.option("--without", multiple=True, metavar="EFFECT", help="Effect to leave out of the search; repeatable.")
+@without_option
 @click.option(
     "--nominal-tolerance",
     type=Percent(0, 100, min_open=True),
@@ -57,9 +58,11 @@ POSSIBLE: Final = ("consistent", "named", "ambiguous", "unknown")
     "table_file",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Judge by a frequency-response table instead of logs (frequency, magnitude, phase; levels).",
+    help=FRF_HELP,
 )
-@click.option("--level", type=Real(), help="With --frf: level of excitation to use.  [default: all]")
+@click.option(
+    "--level", type=Real(), help="With --frf: level of excitation to use, in the unit of its column.  [default: all]"
+)
 @click.option(
     "--held",
     is_flag=True,
@@ -72,7 +75,7 @@ POSSIBLE: Final = ("consistent", "named", "ambiguous", "unknown")
     type=click.Choice(POSSIBLE),
     default="consistent",
     show_default=True,
-    help="Verdict that gives exit code 0; any other gives 1, and says why where this is given.",
+    help="Verdict that gives exit code 0; any other gives 1. Where it is given, the reason of a 1 is printed too.",
 )
 @click.option(
     "--junit",
@@ -100,6 +103,10 @@ def diagnose(
     junit: Path | None,
 ) -> int:
     """Compare logs with a model: is it right, what is it missing, how sure is that, and what does adding it gain?
+
+    There are four verdicts. consistent: what the model misses is noise. named: the model is wrong, and the causes are
+    listed. ambiguous: it is wrong, and these data do not show which of the tied causes it is. unknown: it is wrong,
+    and no effect in the library explains how.
 
     Writes diagnosis.json, extended.toml (the model with what was found), index.html and figures into the folder
     diagnosis, or into --out. Where causes are tied, it proposes an experiment that separates them. A log of the plan
@@ -210,6 +217,8 @@ def _require_one(
         raise click.UsageError("give logs or a frequency-response table, not both")
     if table_file is not None and bench is not None:
         raise click.UsageError("--bench goes with logs: a table proposes no experiment")
+    if table_file is not None:
+        refuse_typed(("rows",), "goes with logs: of a table all points are used")
     if table_file is None and (level is not None or held):
         raise click.UsageError(f"--{'held' if held else 'level'} goes with --frf")
     if not runs and table_file is None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import click
 
+from mccdcli.idle_options import refuse_typed
 from mccdcli.options import common_options
 from mccdcli.trials import Order, run_test, settings_option
 
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
 def hysteresis(settings: dict[str, Any], axis: str, fit: bool, **order: Unpack[Order]) -> int:
     """Drive slow sine loops and fed-forward steps at offsets, open loop, and measure the hysteresis.
 
-    The log is hysteresis.h5 unless --out names another.
+    The log is hysteresis.h5 unless --out names another. Nothing is required of the result. Units end the names of
+    settings: torques_nm is in N m, not nanometre, offsets_rad in rad.
 
     \b
     Examples:
@@ -34,8 +36,10 @@ def hysteresis(settings: dict[str, Any], axis: str, fit: bool, **order: Unpack[O
     """
     from campaigns.plans import make_plan
 
+    if "axis" in settings:
+        refuse_typed(("axis",), "and --set axis choose the same; leave out one of the two")
     plan = make_plan("hysteresis", {"axis": axis, **settings})
-    return run_test(plan, f"hysteresis {axis}", partial(_measured, fit=fit), **order)
+    return run_test(plan, f"hysteresis {plan.settings()['axis']}", partial(_measured, fit=fit), **order)
 
 
 def _measured(run: Run, *, fit: bool) -> tuple[Sequence[Check], Mapping[str, Any]]:

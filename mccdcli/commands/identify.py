@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mccdcli.options import POSITIVE, NewPath, Real, WholeRange, common_options
+from mccdcli.idle_options import refuse_typed
+from mccdcli.options import FRF_HELP, POSITIVE, NewPath, Real, WholeRange, common_options
 from mccdcli.output import emit, say, table
 from mccdcli.progress import progress
 from mccdcli.trials import count_campaign, play_campaign, settings_option
@@ -21,6 +22,11 @@ if TYPE_CHECKING:
 PAGE = ".html"
 """Ending of a picture that is a page."""
 
+OF_SWEEPS = ("bench", "axes", "folder", "settings", "seed", "dry_run", "note")
+OF_LOGS = ("only", "equal_weights")
+OF_TABLE = ("rate_hz", "level")
+"""Options that have an effect with one kind of data alone."""
+
 
 @click.command()
 @click.option(
@@ -29,21 +35,33 @@ PAGE = ".html"
     multiple=True,
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="RUN.h5",
-    help="Identify from this log instead of running a sweep; repeatable.",
+    help="Log to read: the model is identified from it, and nothing is played; repeatable.",
 )
 @click.option("--axis", "axes", multiple=True, metavar="AXIS", help="Axis to sweep; repeatable.  [default: all]")
-@click.option("--logs", "folder", type=NewPath(), metavar="DIR", help="Folder for the logs of the sweeps.")
-@click.option("--modes", type=WholeRange(min=1), metavar="N", help="Number of modes.  [default: chosen from the data]")
+@click.option(
+    "--logs",
+    "folder",
+    type=NewPath(),
+    metavar="DIR",
+    help="Folder to write the logs of the sweeps to.  [default: NAME.runs beside the model NAME.toml]",
+)
+@click.option(
+    "--modes",
+    type=WholeRange(min=1),
+    metavar="N",
+    help="Number of modes; that of each axis where stepped sines are fitted.  [default: chosen from the data]",
+)
 @click.option(
     "--only",
     default="",
     metavar="TEXT",
-    help="Fit only segments whose label contains TEXT; all held-out ones are tested.",
+    help="With --log: fit only segments whose label contains TEXT; all held-out ones are tested. Not of stepped sines.",
 )
 @click.option(
     "--equal-weights",
     is_flag=True,
-    help="Weight all frequency bins of a periodic record alike: least rms error where distortion limits the fit.",
+    help="With --log: weight all frequency bins of a periodic record alike, for the least rms error where distortion "
+    "limits the fit.",
 )
 @click.option(
     "--response",
@@ -56,7 +74,7 @@ PAGE = ".html"
     "table_file",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Fit a frequency-response table instead of logs (frequency, magnitude, phase; levels).",
+    help=FRF_HELP,
 )
 @click.option(
     "--rate",
@@ -65,7 +83,11 @@ PAGE = ".html"
     metavar="HZ",
     help="With --frf: sample rate of the model.  [default: 10 times the highest frequency]",
 )
-@click.option("--level", type=Real(), help="With --frf: level of excitation to fit.  [default: the lowest]")
+@click.option(
+    "--level",
+    type=Real(),
+    help="With --frf: level of excitation to fit, in the unit of its column.  [default: the lowest]",
+)
 @click.option(
     "--plot",
     "picture",
@@ -100,7 +122,8 @@ def identify(
 ) -> int:
     """Sweep every axis with a stepped sine and fit a linear model, or fit one to the logs of any bench.
 
-    The model is nominal.toml unless --out names another; the sweeps' logs go into a folder beside it.
+    The model is nominal.toml unless --out names another. With --log or --frf nothing is played, and options of the
+    sweeps are refused. After an interrupt the same command continues the sweeps.
 
     \b
     Examples:
@@ -114,16 +137,17 @@ def identify(
     """
     from mccdcli.models import refuse_existing
 
+    if table_file is not None and given:
+        raise click.UsageError("give logs or a frequency-response table, not both")
+    _refuse_idle(given, table_file, dry_run=dry_run, of_logs=bool(only) or equal_weights)
     target = out or Path("nominal.toml")
     refuse_existing(target, force=force)
     if picture is not None:
         _require_picture(picture, force=force)
     if table_file is not None:
-        if given:
-            raise click.UsageError("give logs or a frequency-response table, not both")
         fitted = _from_table(table_file, modes=modes, rate_hz=rate_hz, level=level, name=target.stem)
         return _done(fitted, (), target, (table_file,), response, picture, as_json, force=force)
-    if not given and dry_run:
+    if dry_run:
         return _counted(bench, axes, settings, seed, as_json)
     logs = given or _swept(bench, axes, settings, folder or target.with_suffix(".runs"), seed)
     if isinstance(logs, int):
@@ -134,6 +158,24 @@ def identify(
         runs = [stack.enter_context(read_run(log)) for log in logs]
         found = _from_logs(runs, modes=modes, only=only, equal_weights=equal_weights, name=target.stem)
         return _done(found, runs, target, logs, response, picture, as_json, force=force)
+
+
+def _refuse_idle(logs: Sequence[Path], table_file: Path | None, *, dry_run: bool, of_logs: bool) -> None:
+    """End with a usage error for options without effect on the data that are fitted.
+
+    A dry run must not write, and sweeps must not be played before the fit is refused, whatever set the option.
+    """
+    if logs or table_file:
+        source = "--frf" if table_file else "--log"
+        refuse_typed(OF_SWEEPS, f"goes with sweeps, and {source} plays none; leave out one of the two")
+        if dry_run:
+            raise click.UsageError(f"--dry-run counts sweeps, and {source} plays none; leave out one of the two")
+    if not logs:
+        refuse_typed(OF_LOGS, "goes with --log")
+        if of_logs and not table_file:
+            raise click.UsageError("--only and --equal-weights go with --log: stepped sines are fitted whole")
+    if not table_file:
+        refuse_typed(OF_TABLE, "goes with --frf")
 
 
 def _require_picture(path: Path, *, force: bool) -> None:
@@ -174,7 +216,7 @@ def _swept(
     """Return the logs of the sweeps, played now or found in the folder; the exit code where they were stopped."""
     from campaigns.playing.sweep_campaign import sweep_campaign
 
-    played = play_campaign(sweep_campaign(bench, axes, settings), folder, bench, seed, resume=True)
+    played = play_campaign(sweep_campaign(bench, axes, settings), folder, bench, seed)
     return played.exit_code or tuple(played.logs.values())
 
 

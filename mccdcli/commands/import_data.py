@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from mccdcli.idle_options import refuse_typed
 from mccdcli.logtext import channels_text, length_text, segments_text
 from mccdcli.options import common_options, given_note
 from mccdcli.output import emit, say
@@ -33,6 +34,9 @@ def import_data(files: tuple[Path, ...], guess: bool, allow_outside: bool, out: 
       mccd import MAP.toml --out RUN.h5 --json
     """
     if guess:
+        refuse_typed(
+            ("allow_outside", "note"), "goes with a map, and --guess only proposes one; leave out one of the two"
+        )
         _guess(files, out, as_json)
         return
     if len(files) != 1:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mccdcli.failures import INTERRUPTED
-from mccdcli.options import POSITIVE, Percent, WholeRange, common_options, given_note
+from mccdcli.options import POSITIVE, Percent, WholeRange, common_options, given_note, without_option
 from mccdcli.output import VERDICTS, emit, say, table
 from mccdcli.progress import progress
 from mccdcli.trials import count, settings_option
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     help="Maximum bench time for all experiments, in seconds. Chops after a named cause are not counted.",
 )
 @click.option("--first", metavar="PLAN", help="First plan, instead of a multisine as large as the bench allows.")
-@click.option("--without", multiple=True, metavar="EFFECT", help="Effect to leave out of the search; repeatable.")
+@without_option
 @click.option(
     "--nominal-tolerance",
     type=Percent(0, 100, min_open=True),
@@ -58,10 +58,10 @@ def investigate(
     """Find out what a model gets wrong about a bench: run, diagnose, choose the next experiment, run on.
 
     Ends when the verdict is consistent or named, when no experiment within the bench's limits would change it, or when
-    the rounds or the budget are spent. Once a cause is named, the bench also plays chops with the feed-forward of
-    each model. All logs and diagnoses are kept in the folder investigation, or in --out. --set changes the plan of
-    --first. The exit code is 0 when the last verdict is consistent, else 1. Ctrl-C ends the investigation after the
-    current segment, with exit code 130; --resume continues it.
+    the rounds or the budget are spent. `mccd diagnose --help` explains the verdicts. Once a cause is named, the bench
+    also plays chops with the feed-forward of each model. All logs and diagnoses are kept in the folder investigation,
+    or in --out. --set changes the plan of --first. The exit code is 0 when the last verdict is consistent, else 1.
+    Ctrl-C ends the investigation after the current segment, with exit code 130; --resume continues it.
 
     \b
     Examples:

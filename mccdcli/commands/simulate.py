@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from mccdcli.idle_options import refuse_typed
 from mccdcli.options import common_options
 from mccdcli.output import emit
 from mccdcli.trials import count, play, settings_option
@@ -17,12 +18,13 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.option("--model", default="as-built", show_default=True, help="Model to simulate: a bundled one or a file.")
-@click.option("--plan", default="freerun", show_default=True, help="Plan to play; see `mccd campaign list --plans`.")
+@click.option("--plan", default="freerun", show_default=True, help="Plan to play: `mccd campaign list --plans`.")
 @click.option(
     "--waveform",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE.csv",
-    help="Play this instead: a column per axis (theta_x …) in N m or N, a row per sample.",
+    help="Play this instead of a plan, at the sample rate of the model: a column per axis (theta_x … in N m, z in N), "
+    "a row per sample. --set repeats=N plays it N times.",
 )
 @settings_option
 @common_options("out", "seed", "dry_run", "note", "json")
@@ -47,6 +49,8 @@ def simulate(
     """
     from campaigns.plans import make_plan
 
+    if waveform is not None:
+        refuse_typed(("plan",), "chooses a plan, and --waveform is played instead; leave out one of the two")
     chosen = make_plan(plan, settings) if waveform is None else _waveform(waveform, settings)
     bench = f"sim:{model}"
     if dry_run:
@@ -61,4 +65,6 @@ def simulate(
 def _waveform(file: Path, settings: dict[str, Any]) -> Plan:
     from campaigns.plans.waveform import Waveform  # brings the reading of tables, and logs with it
 
+    if "file" in settings:
+        raise click.UsageError("--set file and --waveform choose the same; leave out --set file")
     return Waveform.of({"file": str(file), **settings})

@@ -34,7 +34,7 @@ def theodolite(settings: dict[str, Any], readings: Path | None, **order: Unpack[
     """Hold a grid of angles and compare the sensors with a theodolite: gain corrections of both axes.
 
     Without --readings the bench's own instrument is read. The log is theodolite.h5 unless --out names another. Exit
-    code 1 if an uncorrected gain misses the accuracy at 8.5 mrad.
+    code 1 if an uncorrected gain is off by more than 85 µrad at 8.5 mrad.
 
     \b
     Examples:

@@ -13,7 +13,13 @@ from sim_backend.safe_write import unnamed_folder
 
 
 @click.command()
-@click.option("--sweeps/--no-sweeps", default=True, show_default=True, help="Sweep 5–100 Hz at 77 K and at 63.5 K too.")
+@click.option(
+    "--sweeps/--no-sweeps",
+    default=True,
+    show_default=True,
+    help="Also set the cold finger to 77 K and 63.5 K, which may take a real bench hours, and sweep 5–100 Hz at both.",
+)
+@click.option("--resume", is_flag=True, help="Continue in a folder that holds part of this test.")
 @settings_option
 @common_options()
 def thermal(
@@ -24,15 +30,18 @@ def thermal(
     as_json: bool,
     settings: dict[str, Any],
     sweeps: bool,
+    resume: bool,
 ) -> int:
     """Chop at 5 Hz for five minutes and look for drift; sweep both axes at two temperatures and compare.
 
-    The logs go into the folder thermal unless --out names another. --set changes the chop. Exit code 1 if a position
-    drifts by more than 1.7 µrad.
+    The logs go into the folder thermal unless --out names another; --resume plays what it lacks. --set changes the
+    chop. The sweeps command the temperature of the cold finger; --no-sweeps leaves it as it is. Exit code 1 if a
+    position drifts by more than 1.7 µrad.
 
     \b
     Examples:
       mccd thermal --out thermal
+      mccd thermal --out thermal --resume
       mccd thermal --no-sweeps --set cycles=100
     """
     from campaigns.playing.thermal_campaign import AXES, COLD, sweep_name, thermal_campaign
@@ -41,7 +50,7 @@ def thermal(
     if dry_run:
         count_campaign(campaign, bench, seed, as_json=as_json)
         return 0
-    played = play_campaign(campaign, out or unnamed_folder(Path("thermal")), bench, seed, resume=False)
+    played = play_campaign(campaign, out or unnamed_folder(Path("thermal")), bench, seed, resume=resume)
     if played.exit_code:
         return played.exit_code
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from mccdcli.idle_options import refuse_typed
 from mccdcli.options import RealRange, WholeRange, common_options
 from mccdcli.output import emit, plain, say, table, visible
 from mccdcli.trials import quantity
@@ -62,6 +63,8 @@ def watch(
         raise click.UsageError("--web shows the run in the browser until Ctrl-C; leave out --json and --once")
     if port is not None and not web:
         raise click.UsageError("--port is that of the page: add --web, or leave it out")
+    if once and not wait:
+        refuse_typed(("period_s",), "has no effect: --once looks once; leave out one of the two")
     from campaigns.log.probe import prepare
 
     prepare()

@@ -186,3 +186,23 @@ def test_a_design_as_table_control_and_file(tmp_path: Path) -> None:
     assert isinstance(designed.plot(), Figure) and "stability" in designed._repr_html_()
     assert designed.to_xarray()["theta_x"].torque.attrs["units"] == "N m"
     assert designed.save(tmp_path / "c.toml").exists()
+
+
+def test_a_design_is_refused_for_another_bench_and_for_two_moves() -> None:
+    short = {"duration_s": 0.1, "settle_s": 0.1}
+    with mccd.simulate("design", "rest", short) as rest:
+        assert rest.log.header.bench["name"] == "design"
+        with pytest.raises(mccd.MccdError, match="the logs are of the bench 'design', .* is 'as-built'"):
+            mccd.design("design", rest, unswept=True)
+        with pytest.raises(mccd.MccdError, match="settling_s and max_power_w both choose the move"):
+            mccd.design("design", rest, settling_s=5e-3, max_power_w=0.1, unswept=True)
+        with pytest.raises(mccd.MccdError, match="tolerance of frequency is 0.7"):
+            mccd.design("design", rest, bench="sim:design", tolerance=0.7, unswept=True)
+
+
+def test_a_simulated_bench_has_the_name_of_its_file(tmp_path: Path) -> None:
+    file = mccd.load_model("design").save(tmp_path / "mine.toml")
+    with mccd.simulate(file, "rest", {"duration_s": 0.01, "settle_s": 0.01}) as run:
+        assert run.log.header.bench["name"] == "mine"
+    with mccd.simulate("table-6.4-30", "rest", {"duration_s": 0.01, "settle_s": 0.01}) as run:
+        assert run.log.header.bench["name"] == "table-6.4-30"

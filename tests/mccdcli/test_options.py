@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from mccdcli.idle_options import refuse_typed
 from mccdcli.options import OPTIONS, common_options
 
 
@@ -103,6 +105,8 @@ def test_a_bench_address_without_its_form_is_refused(address: str) -> None:
     assert done.exit_code == 2
     known = "sim[:MODEL], emulator[:MODEL], serial:DEVICE[@BAUD], tcp:HOST:PORT"
     assert f"{address!r} is not a bench; a bench is {known}." in done.output
+    # the part that is wrong is named, once it is plain which kind is meant
+    assert not address or re.search(r"(MODEL|DEVICE|HOST|PORT) is (missing|'.*')", done.output.partition(known)[2])
 
 
 def test_a_mistyped_bench_is_answered_with_the_nearest() -> None:
@@ -111,3 +115,28 @@ def test_a_mistyped_bench_is_answered_with_the_nearest() -> None:
     def command(bench: str) -> None: ...
 
     assert "Did you mean 'emulator'?" in CliRunner().invoke(command, ["--bench", "emulater"]).output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "refused"),
+    [
+        ([], ""),
+        (["--bench", "sim"], "--bench"),
+        (["--seed", "0"], "--seed"),
+        (["-o", "a"], "--out"),
+        (["--dry-run"], "--dry-run"),
+        (["--note", "mine"], "--note"),
+        (["--json"], ""),
+    ],
+)
+def test_what_is_typed_without_effect_is_refused_and_what_is_set_is_not(arguments, refused, monkeypatch) -> None:
+    @click.command()
+    @common_options()
+    def command(**_: Any) -> None:
+        refuse_typed(("bench", "seed", "out", "dry_run", "note"), "has no effect here")
+
+    monkeypatch.setenv("MCCD_BENCH", "sim:design")
+    monkeypatch.setenv("MCCD_SEED", "3")
+    done = CliRunner().invoke(command, arguments)
+    assert done.exit_code == (2 if refused else 0), done.output
+    assert f"{refused} has no effect here" in done.output if refused else "no effect" not in done.output

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
+from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel, discretise
 
 RATE_HZ = 1000.0
@@ -60,3 +61,15 @@ def test_a_block_is_the_same_whatever_is_beside_it() -> None:
     alone = discretise(blocks([300.0], [2.0]), RATE_HZ)
     beside = discretise(blocks([300.0, 60_000.0], [2.0, 30.0]), RATE_HZ)
     assert np.array_equal(alone.a[0], beside.a[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "says"),
+    [
+        ("omega_rad_s", [1.0, -2.0], "omega_rad_s of block 2 is -2"),
+        ("delay_s", [-1e-3, 0.0], "delay_s of input 1 is -0.001"),
+    ],
+)
+def test_a_negative_number_is_refused_by_name_and_place(name: str, values: list[float], says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        blocks([1.0, 2.0], [0.1, 0.1]).with_(**{name: np.array(values)})

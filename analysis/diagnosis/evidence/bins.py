@@ -19,7 +19,11 @@ ROWS_PER_BIN = 100
 
 @dataclass(frozen=True)
 class Binned:
-    """Samples by bin: `index` (n,) (-1: none), and per bin `count`, `mean_square` and `centre`; `edges` (bins + 1,)."""
+    """Samples by bin: `index` (n,) is the bin of each (-1: none), `edges` (bins + 1,) are in the unit of the values.
+
+    Per bin (bins,): `count` of samples, `mean_square` of what was binned, in its unit squared, and `centre`, the mean
+    value.
+    """
 
     index: Indices
     count: Indices
@@ -29,7 +33,7 @@ class Binned:
 
 
 def binned(values: Array, w: Array, most: int) -> Binned:
-    """Return `w` (n,) in bins of about equal numbers of samples along `values` (n,), at most `most` bins."""
+    """Return `w` (n,) in bins of about equal numbers of samples along `values` (n,), at most `most` bins; any units."""
     wanted = int(np.clip(values.size // ROWS_PER_BIN, 2, most))
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, wanted + 1)))
     inner = edges[1:-1]

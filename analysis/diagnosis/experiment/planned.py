@@ -194,7 +194,7 @@ def first_plan(bench: Bench, model: Model) -> Plan:
     """Return a multisine on all axes that bench and `model` share: its repeated periods separate noise from motion.
 
     It has the largest amplitude within the limits by `model`; on a bench that states none, the plan's own. Raises
-    ConfigError when bench and model share no axis.
+    ConfigError when bench and model share no axis, and when no multisine keeps the bench's limits by the model.
     """
     places = places_of(model)
     axes = tuple(axis for axis in bench.axes if axis in places.inputs)

@@ -75,10 +75,11 @@ def held_by_few(spectrum: tuple[Array, Array], highest: float) -> bool:
 
 
 def no_weaker(edges: Array, levels: Array, taps: Array) -> Array:
-    """Return the `levels` (k,) of a noise filtered by `taps`, so that it is nowhere weaker than at higher frequencies.
+    """Return `levels` (k,) with which a noise filtered by `taps` is nowhere weaker than at higher frequencies.
 
-    Bands between `edges` (k + 1,) that are weaker than a higher one share a level with it (isotonic regression); at the
-    last edge it is one.
+    Shapes: `edges` (k + 1,) in cycles per sample, rising; `taps` (p,); `levels` (k,), as the result, are powers of the
+    filtered noise in each band relative to that at the last edge. Bands that are weaker than a higher one share a level
+    with it (isotonic regression).
     """
     places = np.append(0.5 * (edges[:-1] + edges[1:]), edges[-1])
     passed = np.abs(np.exp(-2j * np.pi * np.outer(places, np.arange(taps.size))) @ taps) ** 2

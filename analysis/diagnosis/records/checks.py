@@ -166,7 +166,11 @@ def _last_copy(record: Record, w: Window) -> Record:
 
 
 def check_same_bench(loaded: Loaded, model: Model) -> None:
-    """Raise DataError for the first record with an output that the model does not describe at all."""
+    """Raise DataError for the first record with an output of another size than the model says.
+
+    Compared is the size of the measured and the simulated output in bands of frequency: refused is a ratio beyond
+    FACTOR, up or down, on either side of which half of the energy of the motion lies.
+    """
     plant = discretise(model.linear(), loaded.data.rate_hz)
     files = {source.run_uid: source.file for source in loaded.sources}
     for record in loaded.data.records:

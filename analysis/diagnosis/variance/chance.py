@@ -13,7 +13,7 @@ FALSE_ALARM = 0.002
 
 @dataclass(frozen=True)
 class Chance:
-    """One such cause at its fitted parameters, with the standard deviation of each that was fitted.
+    """One cause that changes the variance of the readings: its fitted parameters, and the std of each by its name.
 
     `evidence` is the natural logarithm of its evidence against nothing, `p_value` the chance of as much without it.
     `allowed` is by how much, at most, it raises the mean square of the whitened residual; `shift` by how many standard

@@ -43,7 +43,7 @@ def direction(alpha_deg: float) -> str:
 
 
 def along(phase: ChopPhase, alpha_deg: float, position: int) -> Array:
-    """Return the error (dwell,) of the mean move to a position, along the direction of motion."""
+    """Return the error (dwell,), rad, of the mean move to `position` (1 or 2), along the direction of motion."""
     commanded = phase.commanded_rad[position - 1]
     error = np.stack([phase.moves(position, dof) - commanded[i] for i, dof in enumerate(("theta_x", "theta_y"))])
     alpha = np.deg2rad(alpha_deg)

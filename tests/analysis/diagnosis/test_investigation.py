@@ -128,6 +128,8 @@ def test_the_rounds_and_the_budget_are_kept(tmp_path):
     poor = investigate(Quest(bench, nominal, budget_s=1.0), tmp_path / "poor")
     assert poor.verdict == "" and "--budget-s" in poor.reason and poor.rounds == ()
     assert not list((tmp_path / "poor").glob("**/*.h5"))
+    with pytest.raises(ConfigError, match="cannot be resumed: seed was 0 and is 1;"):
+        investigate(Quest(bench, nominal, seed=1, budget_s=1.0), tmp_path / "poor", resume=True)
 
 
 def test_a_model_that_is_right_ends_at_once_and_an_interrupt_loses_nothing(tmp_path):

@@ -122,7 +122,7 @@ def test_distortion_is_told_from_noise(tmp_path):
     assert bent.distortion > 10 * linear.distortion and bent.distortion > 10 * bent.noise
 
 
-@pytest.mark.parametrize("case", ["none", "held-out only", "same axis twice", "other channels"])
+@pytest.mark.parametrize("case", ["none", "held-out only", "same axis twice", "other channels", "other rate"])
 def test_what_cannot_be_identified_is_refused(tmp_path, case):
     band = {"start_hz": 10.0, "stop_hz": 50.0, "step_hz": 10.0, "settle_s": 0.1}
     paths = {
@@ -133,26 +133,39 @@ def test_what_cannot_be_identified_is_refused(tmp_path, case):
             record(tmp_path, "freerun", {"steps_s": 0.3, "noise_s": 0.1, "held_out_s": 0.1}),
             record(tmp_path, "theodolite", {"x_rad": [0.0], "y_rad": [0.0]}),
         ],
+        "other rate": [imported(tmp_path, 0.0)[0], imported(tmp_path, 0.0, rate_hz=5_000.0)[0]],
     }[case]
     says = {
         "none": "no run",
         "held-out only": "no segment remains",
         "same axis twice": "one sweep per axis",
-        "other channels": "other channels",
+        "other channels": "has the (in|out)puts .* has .*identify them apart",
+        "other rate": "has 5000 Hz, .* has 10000 Hz; identify them apart",
     }[case]
     with pytest.raises(DataError, match=says):
         identify(*paths, only="held-out" if case == "held-out only" else "")
 
 
-def imported(tmp_path, offset, *, period=None):
+def test_what_has_no_effect_is_refused_or_said(tmp_path):
+    band = {"start_hz": 10.0, "stop_hz": 50.0, "step_hz": 10.0, "settle_s": 0.1}
+    sweep = record(tmp_path, "sinesweep", {"bands": [band]})
+    for options, name in (({"only": "20 Hz"}, "--only"), ({"equal_weights": True}, "--equal-weights")):
+        with pytest.raises(ConfigError, match=f"{name} .* has no effect on stepped sines"):
+            identify(sweep, **options)
+    free, _ = imported(tmp_path, 0.0)
+    assert any("equal weights have no effect" in said for said in identify(free, modes=1, equal_weights=True).remarks)
+    assert not any("equal weights" in said for said in identify(free, modes=1).remarks)
+
+
+def imported(tmp_path, offset, *, period=None, rate_hz=10_000.0):
     """A log of another bench: one mode at 29.6 Hz under noise or a multisine, read from a zero of its own."""
     rng = np.random.default_rng(4)
     u = rng.standard_normal(6000) if period is None else np.tile(rng.standard_normal(period), 6000 // period)
     plant = discretise(bench_model().linear(), 10_000.0)
     y = simulate_linear(plant, np.stack([1e-2 * u, 0 * u, 0 * u], axis=1))[:, 0]
     values = {"u": 1e-2 * u, "y": y + offset + 1e-3 * np.std(y) * rng.standard_normal(6000)}
-    channels = [Signal("u", "N m", "input", "tilt", 10_000.0), Signal("y", "rad", "output", "tilt", 10_000.0)]
-    path = tmp_path / f"imported-{offset}-{period}.h5"
+    channels = [Signal("u", "N m", "input", "tilt", rate_hz), Signal("y", "rad", "output", "tilt", rate_hz)]
+    path = tmp_path / f"imported-{offset}-{period}-{rate_hz:g}.h5"
     with LogWriter.create(path, channels, test="t", bench={"kind": "imported", "name": "other"}) as log:
         settings = {} if period is None else {"period_samples": period, "transient_periods": 2}
         for label, rows in (("fit", slice(0, 4000)), ("held-out", slice(4000, 6000))):

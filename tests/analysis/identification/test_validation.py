@@ -30,3 +30,15 @@ def test_p_values_are_uniform_under_the_null_and_small_otherwise(rng):
     e = signal.lfilter([1.0], [1.0, -0.5], rng.normal(size=600))
     assert whiteness(e).p_value < 1e-6
     assert input_correlation(e + 0.3 * np.roll(u[:600], 4), u[:600]).p_value < 1e-6
+
+
+def test_what_is_too_short_is_refused_with_its_own_reason(rng):
+    e = rng.normal(size=60)
+    with pytest.raises(DataError, match="has 60 samples, 30 lags need more than 60"):
+        whiteness(e, lags=30)
+    with pytest.raises(DataError, match="lags is 5 with 5 fitted"):
+        whiteness(e, lags=5, fitted=5)
+    with pytest.raises(DataError, match="fewer lags"):
+        input_correlation(e, e, lags=15)
+    with pytest.raises(DataError, match="the input of the same samples"):
+        input_correlation(e, e[1:], lags=5)

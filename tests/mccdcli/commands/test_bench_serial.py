@@ -33,8 +33,9 @@ def model(tmp_path: Path) -> str:
 @pytest.mark.parametrize("transport", ["pty", "tcp"])
 def test_a_served_bench_is_checked_and_ends_safely(model: str, transport: str, tmp_path: Path) -> None:
     link = tmp_path / "bench"
+    lasting = ["--link", str(link)] if transport == "pty" else []
     served = subprocess.Popen(
-        [*MCCD, "serve", "--transport", transport, "--model", model, "--link", str(link), "--json"],
+        [*MCCD, "serve", "--transport", transport, "--model", model, *lasting, "--json"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -103,8 +104,12 @@ def test_a_test_on_the_emulated_bench_of_a_model_file_records_what_the_simulated
         (("serve", "--transport", "tcp", "--port", "70000"), 2, "70000 is not in the range"),
         (("check", "--bench", "tcp:a..b:80"), 2, "host 'a..b': no address can be found"),
         (("check", "--bench", "tcp:no-such-host.invalid:80"), 2, "host 'no-such-host.invalid': no address"),
-        (("check", "--bench", "tcp:localhost:0"), 2, "is not a bench"),
-        (("check", "--bench", "tcp:localhost:70000"), 2, "is not a bench"),
+        (("serve", "--port", "5025"), 2, "--port goes with --transport tcp"),
+        (("serve", "--host", "127.0.0.1"), 2, "--host goes with --transport tcp"),
+        (("serve", "--transport", "tcp", "--link", "bench"), 2, "--link goes with --transport pty"),
+        (("check", "--bench", "tcp:localhost:0"), 2, "PORT is '0'; it is 1 to 65535"),
+        (("check", "--bench", "tcp:localhost:70000"), 2, "PORT is '70000'; it is 1 to 65535"),
+        (("check", "--bench", "tcp:localhost:80", "--seed", "1"), 2, "--seed goes with --bench emulator"),
     ],
 )
 def test_mistakes_end_in_one_line(arguments: tuple[str, ...], code: int, message: str) -> None:

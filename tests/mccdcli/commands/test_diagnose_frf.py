@@ -48,12 +48,22 @@ def table(f=F, h=None, head="phase (deg)", phase=None):
     return "\n".join(rows) + "\n"
 
 
+def beside(name, wrong):
+    """A table with a column of ones, whose second row is wrong."""
+    head, first, second, *others = table().splitlines()
+    lines = [f"{head},{name}", f"{first},1.0", f"{second},{wrong}", *(f"{line},1.0" for line in others)]
+    return "\n".join(lines) + "\n"
+
+
+SECOND = f"row 2, at the frequency {F[1]:g}, has a"
 BAD = {
     "a negative frequency": (table(f=np.where(F < 3.0, -F, F), h=response()), "a frequency is -"),
     "one row": (table(f=F[:1]), "has 1 points of a response above 0 Hz"),
     "degrees called rad": (table(head="phase (rad)"), "name the column 'phase (deg)'"),
     "rad called degrees": (table(phase=np.angle(response())), "name the column 'phase (rad)'"),
     "no number": (table(h=np.full(F.size, np.nan)), "which is not a finite number"),
+    "a coherence above one": (beside("coherence", 1.5), f"{SECOND} coherence of 1.5; it lies between 0 and 1"),
+    "no deviation": (beside("std", 0.0), f"{SECOND} standard deviation of 0; it must be above zero"),
     "no phase": ("frequency (Hz),magnitude\n1,2\n2,3\n", "needs columns of magnitude and phase"),
 }
 
@@ -71,6 +81,7 @@ USAGE = {
     "both": (["h.csv", "--frf", "h.csv"], "give logs or a frequency-response table, not both"),
     "neither": ([], "with --frf"),
     "level": (["h.csv", "--level", "1"], "--level goes with --frf"),
+    "rows": (["--frf", "h.csv", "--rows", "5000"], "--rows goes with logs"),
     "bench": (["--frf", "h.csv", "--bench", "sim"], "--bench goes with logs"),
     "no such level": (["--frf", "h.csv", "--level", "1"], "has no level 1"),
     "another model": (["--frf", "h.csv", "--model", "as-built"], "give a model of one of each"),

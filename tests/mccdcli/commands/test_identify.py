@@ -42,6 +42,50 @@ def test_a_segment_at_rest_is_named_before_the_fit(tmp_path, monkeypatch, capsys
     assert said.index("is left out") < said.index("the fit has begun")
 
 
+SWEPT = "goes with sweeps, and {} plays none; leave out one of the two"
+IDLE = {
+    "bench": (["--log", "{log}", "--bench", "sim"], f"--bench {SWEPT.format('--log')}"),
+    "axis": (["--log", "{log}", "--axis", "theta_x"], f"--axis {SWEPT.format('--log')}"),
+    "logs": (["--log", "{log}", "--logs", "folder"], f"--logs {SWEPT.format('--log')}"),
+    "set": (["--frf", "{table}", "--set", "amplitude=1"], f"--set {SWEPT.format('--frf')}"),
+    "seed": (["--frf", "{table}", "--seed", "0"], f"--seed {SWEPT.format('--frf')}"),
+    "note": (["--log", "{log}", "--note", "mine"], f"--note {SWEPT.format('--log')}"),
+    "dry run of logs": (["--log", "{log}", "--dry-run"], f"--dry-run {SWEPT.format('--log')}"),
+    "dry run of a table": (["--frf", "{table}", "--dry-run"], f"--dry-run {SWEPT.format('--frf')}"),
+    "rate of logs": (["--log", "{log}", "--rate", "1000"], "--rate goes with --frf"),
+    "level of sweeps": (["--level", "1"], "--level goes with --frf"),
+    "a part of sweeps": (["--only", "x"], "--only goes with --log"),
+    "weights of a table": (["--frf", "{table}", "--equal-weights"], "--equal-weights goes with --log"),
+    "logs and a table": (["--frf", "{table}", "--log", "{log}"], "give logs or a frequency-response table, not both"),
+    "a level that no column has": (["--frf", "{table}", "--level", "1"], "has no column of levels; leave out --level"),
+    "the axis of every sweep": (["--set", "axis=theta_y"], "every axis has a sweep of its own; use --axis"),
+}
+
+
+@pytest.mark.parametrize("case", IDLE)
+def test_an_option_without_effect_is_refused_before_anything_is_written(case, tmp_path, table, monkeypatch, capsys):
+    arguments, said = IDLE[case]
+    monkeypatch.chdir(tmp_path)
+    files = {"log": write(tmp_path / "run.h5", *play(0.0, 1, 200), [("fit", 0, 200)]), "table": table}
+    before = sorted(tmp_path.iterdir())
+    assert main(["identify", *(word.format(**files) for word in arguments)]) == 2
+    assert said in " ".join(capsys.readouterr().err.split()) and sorted(tmp_path.iterdir()) == before
+
+
+def test_what_settings_say_of_sweeps_is_no_reason_to_refuse_a_log_but_a_dry_run_is(
+    table, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MCCD_BENCH", "sim:design")
+    monkeypatch.setenv("MCCD_IDENTIFY_EQUAL_WEIGHTS", "true")
+    assert main(["identify", "--frf", str(table), "--modes", "2"]) == 0
+    assert main(["identify", "--out", "other.toml"]) == 2
+    assert "--only and --equal-weights go with --log" in capsys.readouterr().err
+    monkeypatch.setenv("MCCD_IDENTIFY_DRY_RUN", "true")
+    assert main(["identify", "--frf", str(table), "--out", "other.toml"]) == 2
+    assert "--dry-run counts sweeps" in capsys.readouterr().err and not (tmp_path / "other.toml").exists()
+
+
 def test_every_number_has_its_deviation_and_every_mode_its_axis(tmp_path, table, capsys):
     args = ["identify", "--frf", str(table), "--modes", "2"]
     assert main([*args, "-o", str(tmp_path / "text.toml")]) == 0

@@ -127,3 +127,9 @@ def test_a_guess_for_data_elsewhere_says_what_its_map_needs(map_file, capsys):
     assert "`mccd import map.toml --allow-outside`" in capsys.readouterr().out
     assert main(["import", "--guess", str(folder / "data.csv"), "-o", str(folder / "map.toml")]) == 0
     assert "map.toml`" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("idle", [("--note", "mine"), ("--allow-outside",)])
+def test_an_option_of_a_map_is_refused_beside_a_guess(idle: tuple[str, ...], map_file: Path, capsys) -> None:
+    assert main(["import", "--guess", str(map_file.with_name("data.csv")), "-o", "map.toml", *idle]) == 2
+    assert f"{idle[0]} goes with a map" in capsys.readouterr().err and not Path("map.toml").exists()

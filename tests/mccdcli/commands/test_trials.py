@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from campaigns.playing.campaign import load_campaign
+from campaigns.playing.campaign_run import CampaignOutcome
 from campaigns.playing.counting import estimate_campaign
 from campaigns.strategies import STRATEGIES
 from mccdcli import chop_options
@@ -129,6 +130,12 @@ def test_readings_from_a_file_take_the_instruments_place(run, here):
         (("chop", "--model", "nowhere.toml"), "nowhere.toml"),
         (("chop", "--set", "cycle=3"), "unknown field `cycle`"),
         (("chop", "--set", "cycles"), "is not NAME=VALUE"),
+        (("chop", "--cycles", "2", "--set", "cycles=3"), "--cycles and --set cycles choose the same"),
+        (("settle", "--form", "0:2", "--set", "to_rad=1e-3"), "--form and --set to_rad choose the same"),
+        (("settle", "--strategy", "designed", "--model", "design"), "--model has no effect: a controller is played"),
+        (("hysteresis", "--axis", "theta_x", "--set", "axis=theta_y"), "--axis and --set axis choose the same"),
+        (("simulate", "--waveform", __file__, "--plan", "rest"), "--plan chooses a plan, and --waveform is played"),
+        (("simulate", "--waveform", __file__, "--set", "file=a.csv"), "--set file and --waveform choose the same"),
         (("settle", "--model", "design", "--alpha", "0"), "A, an amplifier gives 9 A"),
         (("endstops", "--set", "current_a=12.0"), "asks for 12 A, an amplifier gives 9 A"),
         (("simulate", "--plan", "freerum"), "no plan 'freerum'"),
@@ -188,6 +195,65 @@ def test_large_logs_are_announced_before_anything_is_played(run, here, monkeypat
     assert err.startswith(said)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "how"),
+    [
+        (("campaign", "run", "quick"), "the same command with --resume continues"),
+        (("thermal", "--no-sweeps"), "the same command with --resume continues"),
+        (("identify", "--axis", "theta_x"), "the same command continues"),
+        (("report",), "the same command continues"),
+        (("settle", "--strategy", "designed"), "the same command continues"),
+    ],
+)
+def test_an_interrupt_says_how_this_command_continues(run, here, monkeypatch, arguments, how):
+    def paused(campaign, folder, **_):
+        return CampaignOutcome(campaign.name, folder, "paused", ())
+
+    monkeypatch.setattr("campaigns.playing.campaign_run.run_campaign", paused)
+    code, _, err = run(*arguments)
+    assert code == 130 and err.splitlines()[-1].endswith(f"holds what was recorded; {how}")
+
+
+def test_thermal_continues_in_its_folder(run, here):
+    short = ("thermal", "--no-sweeps", "--set", "cycles=12")
+    first = run(*short)
+    before = (here / "thermal" / "thermal.h5").read_bytes()
+    code, _, err = run(*short)
+    assert code == 2 and "continue it with --resume" in err
+    assert run(*short, "--resume")[:2] == first[:2]
+    assert (here / "thermal" / "thermal.h5").read_bytes() == before
+
+
+def test_a_dry_run_says_what_it_does_not_count(run, here):
+    rest = ("simulate", "--plan", "rest", "--set", "duration_s=0.1", "--set", "settle_s=0.1", "--out", "still.h5")
+    assert run(*rest)[0] == 0
+    design = ("design", "--model", "design", "--dry-run", "--json")
+    assert set(json.loads(run(*design)[1])["runs"]) == {"rest"}
+    code, out, err = run(*design, "--log", "still.h5", "--stages")
+    assert code == 0 and json.loads(out)["runs"] == {} and "the chops of --stages are not counted" in err
+    (here / "design").mkdir()
+    (here / "still.h5").rename(here / "design" / "rest.h5")
+    assert json.loads(run(*design)[1])["runs"] == {}
+    (here / "small.toml").write_text('name = "small"\n[[runs]]\nname = "a"\nplan = "rest"\n')
+    assert run("report", "--campaign", "small.toml", "--dry-run")[2] == ""  # no sweep: no controller is designed
+    with (here / "small.toml").open("a") as file:
+        file.write('[[runs]]\nname = "b"\nplan = "sinesweep"\n')
+    assert OWN_LOGS in run("report", "--campaign", "small.toml", "--dry-run")[2]
+    assert OWN_LOGS not in run("report", "--campaign", "small.toml", "--no-design", "--dry-run")[2]
+
+
+def test_plans_are_listed_with_what_set_takes(run):
+    code, out, _ = run("campaign", "list", "--plans")
+    rows = [line.split() for line in out.splitlines()]
+    assert code == 0
+    for row in (["alpha_deg", "0", "°"], ["window_s", "0.5", "s"], ["torque_nm", "0.045", "N", "m"]):
+        assert row in rows
+    assert ["axes", '["theta_x",', '"theta_y",', '"z"]'] in rows and ["controller", "none"] in rows
+    assert ["tuning.feedback_factor", "1.5"] in rows
+    listed = json.loads(run("campaign", "list", "--plans", "--json")[1])["plans"]
+    assert {name for plan in listed for name in plan["settings"]} <= {row[0].partition(".")[0] for row in rows if row}
+
+
 def test_readme_and_tutorial_say_what_the_logs_of_a_report_take():
     counted = sum(one.bytes for one in estimate_campaign(load_campaign("paper"), "sim", 0).values()) / 1e6
     own = float(OWN_LOGS.removesuffix(" MB"))
@@ -229,6 +295,6 @@ def test_an_interrupted_command_ends_with_130_and_a_paused_log(here):
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "paused" in said.splitlines()[-1] and "Traceback" not in said
+    assert "paused" in said.splitlines()[-1] and "--resume continues" in said and "Traceback" not in said
     with h5py.File(here / "out" / "thermal.h5") as file:
         assert file.attrs["status"] == "paused"

@@ -105,6 +105,8 @@ def test_once_shows_a_finished_run_as_text_and_as_json(tmp_path, capsys):
     one = json.loads(capsys.readouterr().out)
     reading = one["readings"][0]
     assert (reading["last"], reading["low"], reading["high"]) == (angle[-1], angle.min(), angle.max())
+    assert main(["watch", str(path), "--once", "--every", "1"]) == 2
+    assert "--every has no effect" in capsys.readouterr().err
 
 
 def test_a_run_that_failed_is_a_failed_check_and_a_missing_one_is_refused(tmp_path, capsys):
