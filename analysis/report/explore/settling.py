@@ -8,6 +8,7 @@ from analysis.measurements.settling import BAND_RAD, settling
 from analysis.pages.explorer import Array, Explorer, Facts, Panel, Series, View
 from analysis.paper.measured import Measured
 from analysis.recorded.chop import ChopPhase
+from analysis.report.strategies import STRATEGY_NAMES
 
 SHOWN_S = 0.1
 FIRST_RANGE_URAD = (-40.0, 40.0)
@@ -52,7 +53,8 @@ def along(phase: ChopPhase, alpha_deg: float, position: int) -> Array:
 
 def _view(phases: dict[str, ChopPhase], alpha: float, position: int) -> View:
     series, rows = [], []
-    for name, phase in phases.items():
+    for strategy, phase in phases.items():
+        name = STRATEGY_NAMES.get(strategy, strategy)
         error = along(phase, alpha, position)
         settled = settling(error, phase.rate_hz, 0.0)
         time_s = np.arange(error.size) / phase.rate_hz
