@@ -73,8 +73,10 @@ class Row:
         An upper bound is met or not however small ours is. Nothing is determined by noise that might as well have given
         the other answer.
         """
-        if self.noisy:
-            return False
+        return self._known_well and not self.noisy
+
+    @property
+    def _known_well(self) -> bool:
         if self.ours is None or self.std is None or self.number.upper:
             return True
         return self.std < abs(self.ours) or self.std <= self.number.tolerance
@@ -95,7 +97,7 @@ class Row:
     @property
     def noisy(self) -> bool:
         """Whether the noise decides if ours agrees: neither answer is that of nearly every repeat."""
-        return self.share is not None and 1.0 - SURE < self.share < SURE
+        return self._known_well and self.share is not None and 1.0 - SURE < self.share < SURE
 
     @property
     def met(self) -> bool | None:

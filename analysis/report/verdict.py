@@ -94,4 +94,6 @@ def _misses(table: Table, explained: bool) -> tuple[Misses, ...]:
 
 
 def _cause(key: str, row: Row) -> str:
-    return cause_of(key, row.number.key) if row.determined else "the noise decides"
+    if row.noisy:
+        return "the noise decides"
+    return cause_of(key, row.number.key) if row.determined else "ours is more uncertain than it is large"
