@@ -31,8 +31,8 @@ def settling_moves(measured: Measured) -> Explorer | None:
         "settling",
         "Settling of a fast chop",
         "Error along the direction of motion of the mean move, all cycles but the first; time from the start of the "
-        "move. “away” is the move to the second position, “back” the one that returns. Shaded: ±1.7 µrad; a dash: it "
-        "does not settle before the next move.",
+        "move. “away” is the move to the second position, “back” the one that returns. Shaded: ±1.7 µrad; a dash: "
+        "never, not before the next move.",
         {"direction": tuple(dict.fromkeys(v[0] for v in views)), "move": tuple(dict.fromkeys(v[1] for v in views))},
         views,
     )
