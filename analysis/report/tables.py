@@ -37,7 +37,7 @@ def agreement_text(row: Row) -> str:
     Where the noise decides, the share of repeats that agree stands beside it.
     """
     if row.noisy and row.share is not None:
-        return f"{NOISY}: {100.0 * row.share:.0f}\N{NO-BREAK SPACE}%\N{NO-BREAK SPACE}agree"
+        return f"{NOISY}: {100.0 * row.share:.0f}\N{NO-BREAK SPACE}% agree"
     if not row.determined:
         return UNDETERMINED
     return KEPT if row.inside and row.ok is None else _MARKS[row.ok]
