@@ -109,7 +109,7 @@ def stage_rows(stages: Sequence[StageResult]) -> list[tuple[str, ...]]:
         (
             axis_text(s.axis),
             STAGES[s.strategy],
-            f"{1e3 * s.settling_s:.1f}" if s.settling_s < float("inf") else "not in its dwell",
+            f"{1e3 * s.settling_s:.1f}" if s.settling_s < float("inf") else "never",
             f"{1e6 * s.overshoot_rad:.2f}",
             f"{1e6 * s.stability_rad:.2f}",
             f"{s.peak_a:.2f}",

@@ -18,11 +18,12 @@ Array = NDArray[np.float64]
 class Drift:
     """Straight-line drift of `k` channels, arrays (k,): over the whole test, with a 95 % interval half width.
 
-    `total_rad` is slope times duration. `scatter_rad` is the largest distance of a position from the mean,
-    `significant` whether the interval leaves zero out.
+    `total_rad` is slope times duration, `std_rad` its standard deviation. `scatter_rad` is the largest distance of a
+    position from the mean, `significant` whether the interval leaves zero out.
     """
 
     total_rad: Array
+    std_rad: Array
     half_width_rad: Array
     scatter_rad: Array
     significant: NDArray[np.bool_]
@@ -50,6 +51,7 @@ def drift(time_s: ArrayLike, position_rad: ArrayLike) -> Drift:
     half_width = scipy.stats.t.ppf(0.975, effective - 2.0) * error * span
     return Drift(
         total_rad=slope * span,
+        std_rad=error * span,
         half_width_rad=half_width,
         scatter_rad=np.max(np.abs(y - y.mean(axis=0)), axis=0),
         significant=np.abs(slope * span) > half_width,

@@ -81,7 +81,7 @@ def look(k: int) -> dict[str, Any]:
 
 @dataclass
 class Canvas:
-    """Axes in a grid and the numbers that were drawn on them, one row per point."""
+    """Axes in a grid and the numbers that were drawn on them, one row per point; `parts` has them with their panel."""
 
     title: str
     caption: str
@@ -93,7 +93,7 @@ class Canvas:
     run_uids: tuple[str, ...] = ()
     figure: Figure = field(init=False)
     axes: list[Axes] = field(init=False)
-    _parts: list[pd.DataFrame] = field(init=False, default_factory=list)
+    parts: list[tuple[int, pd.DataFrame]] = field(init=False, default_factory=list)
     _style: Any = field(init=False)
     _finished: bool = field(init=False, default=False)
     _titles: dict[int, str] = field(init=False, default_factory=dict)
@@ -164,8 +164,8 @@ class Canvas:
             self.axes[i].bar(xs, ys, width=width, label=printed(series), linewidth=0, **style)
 
     def band(self, i: int, low: float, high: float, label: str) -> None:
-        """Shade the allowed band of panel `i`."""
-        self.axes[i].axhspan(low, high, color=COLOURS[2], alpha=0.13, linewidth=0, label=label)
+        """Shade the allowed band of panel `i`, in a grey that no curve has."""
+        self.axes[i].axhspan(low, high, color=QUIET, alpha=0.18, linewidth=0, label=label)
 
     def circle(self, i: int, radius: float, label: str) -> None:
         """Draw a limit circle about zero on panel `i`."""
@@ -233,7 +233,7 @@ class Canvas:
         """Return every drawn point: panel, series, x with its label, y with its label."""
         import pandas as pd
 
-        return pd.concat(self._parts, ignore_index=True)
+        return pd.concat([part for _, part in self.parts], ignore_index=True)
 
     def svg(self, stamp: str = "") -> str:
         """Return the figure as SVG text with `stamp` below it; identical data gives identical text.
@@ -306,18 +306,15 @@ class Canvas:
 
         axes = self.axes[i]
         name = self._titles.get(i) or axes.get_title(loc="left") or f"panel {i + 1}"
-        self._parts.append(
-            pd.DataFrame(
-                {
-                    "panel": name,
-                    "series": series,
-                    "x": x,
-                    "y": y,
-                    "x_quantity": axes.get_xlabel().replace("\n", " "),
-                    "y_quantity": axes.get_ylabel().replace("\n", " "),
-                }
-            )
-        )
+        part = {
+            "panel": name,
+            "series": series,
+            "x": x,
+            "y": y,
+            "x_quantity": axes.get_xlabel().replace("\n", " "),
+            "y_quantity": axes.get_ylabel().replace("\n", " "),
+        }
+        self.parts.append((i, pd.DataFrame(part)))
 
 
 def _width_pt(text: str, letter_pt: float) -> float:

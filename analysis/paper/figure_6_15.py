@@ -18,8 +18,9 @@ def figure_6_15(measured: Measured) -> Canvas | None:
     """Return the error of the mean move to 8.5 mrad under every strategy, in θx and θy."""
     canvas = Canvas(
         "Tracking error after convergence",
-        "Move to 8.5 mrad, mean over the cycles of a 5 Hz chop; time from the start of the move. Shaded: ±1.7 µrad. "
-        "Paper: repetitive control settles in 32 ms (θx) and 5.6 ms (θy).",
+        "Move to 8.5 mrad, mean over the cycles of a 5 Hz chop; time from the start of the move. The legend has the "
+        "settling times; never: not before the next move. Shaded: ±1.7 µrad. Paper: repetitive control settles in "
+        "32 ms (θx) and 5.6 ms (θy).",
         rows=2,
         size=(7.2, 5.2),
         share_x=True,
@@ -35,7 +36,7 @@ def figure_6_15(measured: Measured) -> Canvas | None:
             shown = np.arange(error.size) <= SHOWN_S * phase.rate_hz
             t = np.arange(error.size)[shown] / phase.rate_hz * 1e3
             settled = phase.settling(axis).time_s[1] * 1e3
-            reached = f"{label}: {settled:.1f} ms" if np.isfinite(settled) else f"{label}: not in its dwell"
+            reached = f"{label}: {settled:.1f} ms" if np.isfinite(settled) else f"{label}: never"
             canvas.line(i, reached, t, error[shown] * 1e6, color=COLOURS[k], linestyle=DASHES[k], linewidth=1.2)
             drawn += 1
         canvas.band(i, -BAND_RAD * 1e6, BAND_RAD * 1e6, "±1.7 µrad")

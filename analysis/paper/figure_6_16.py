@@ -15,8 +15,8 @@ def figure_6_16(measured: Measured) -> Canvas | None:
     warming = "" if test.warming_k is None else f" The mechanism warmed by {test.warming_k:.2f} K."
     canvas = Canvas(
         "Repeatability of chopped positions over five minutes",
-        "5 Hz chop over 8.5 mrad in θy, hybrid controller; one dot per integration period. Shaded: ±1.7 µrad."
-        f"{warming}",
+        "5 Hz chop over 8.5 mrad in θy, hybrid controller; one dot per integration period. Drift over the whole test "
+        f"with one standard deviation. Shaded: ±1.7 µrad.{warming}",
         rows=2,
         columns=2,
         size=(7.2, 4.8),
@@ -28,7 +28,7 @@ def figure_6_16(measured: Measured) -> Canvas | None:
         for axis, name in enumerate(("θx", "θy")):
             i = 2 * position + axis
             found = test.drift[position]
-            drift = f"{1e6 * found.total_rad[axis]:+.3f} ± {1e6 * found.half_width_rad[axis]:.3f} µrad"
+            drift = f"{1e6 * found.total_rad[axis]:+.3f} ± {1e6 * found.std_rad[axis]:.3f} µrad"
             canvas.panel(
                 i,
                 f"{name}, position {position + 1}: drift {drift}",

@@ -13,7 +13,7 @@ def figure_6_17(measured: Measured) -> Canvas | None:
     """Return both magnitudes of either angle, and their difference with its uncertainty."""
     canvas = Canvas(
         "Frequency response at two temperatures",
-        "Open-loop sweeps from 5 to 100 Hz. Right: difference with two standard deviations of the noise. The paper "
+        "Open-loop sweeps from 5 to 100 Hz. Right: difference with one standard deviation of the noise. The paper "
         "detects no variation in the plot of the magnitudes.",
         rows=2,
         columns=2,
@@ -35,7 +35,7 @@ def figure_6_17(measured: Measured) -> Canvas | None:
         canvas.panel(right, title, last, "difference (dB)")
         canvas.points(right, "63.5 K over 77 K", warm.frequency_hz, found.difference_db, color=COLOURS[2])
         canvas.axes[right].errorbar(
-            warm.frequency_hz, found.difference_db, 2.0 * found.std_db, fmt="none", ecolor=COLOURS[2], linewidth=0.8
+            warm.frequency_hz, found.difference_db, found.std_db, fmt="none", ecolor=COLOURS[2], linewidth=0.8
         )
         canvas.axes[left].set_xscale("log")
         canvas.axes[right].set_ylim(*_around(found.difference_db))

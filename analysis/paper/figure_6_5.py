@@ -21,7 +21,7 @@ def figure_6_5(measured: Measured) -> Canvas | None:
         "Bode magnitude of the θx plant",
         "Stepped sine on the bench, the 8th-order model of it, and the polynomial as printed in Table 6.2. As in the "
         "paper, one broad mode of the model stands for the two sharp resonances. "
-        "Ticks on top mark the measured resonances of Table 6.1.",
+        "Ticks on top mark the resonances that the paper measured (Table 6.1).",
         size=(7.2, 4.0),
     )
     f = np.geomspace(5.0, 2000.0, 1600)

@@ -20,8 +20,8 @@ def figure_a3(measured: Measured) -> Canvas:
     canvas = Canvas(
         "Settling of θx depends on the noise",
         f"Share of {times_ms.size} seeds of the bundled bench whose mean move has settled within ±1.7 µrad, after "
-        f"{seeds.learning_s:g} s of repetitive learning ({seeds.source}). From 5 to 95 % of the seeds it takes "
-        f"{low:.1f} to {high:.1f} ms, in groups: one of a few swings is the last to leave the band.",
+        f"{seeds.learning_s:g} s of repetitive learning (in the repository: {seeds.source}). From 5 to 95 % of the "
+        f"seeds it takes {low:.1f} to {high:.1f} ms, in groups: one of a few swings is the last to leave the band.",
         size=(7.2, 3.4),
     )
     canvas.panel(0, "", "settling time (ms)", "share of the seeds (%)")

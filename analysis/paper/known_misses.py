@@ -63,7 +63,8 @@ def outcomes(tables: Mapping[str, Table], known: Known) -> tuple[Outcome, ...]:
         _outcome(key, row, known.get((key, row.number.row)))
         for key, table in tables.items()
         for row in table.rows
-        if row.number.label == "predicted" or (row.number.label in CHECKED and row.inside is not None)
+        if row.number.label == "predicted"
+        or (row.number.label in CHECKED and (row.inside is not None or not row.determined))
     )
 
 
@@ -81,7 +82,10 @@ def _outcome(key: str, row: Row, reason: str | None) -> Outcome:
 
 
 def _uncertain(row: Row) -> str:
-    return f" ({row.ours:.3g} ± {row.std:.3g} {row.number.unit}".rstrip() + "); repeat it, or list it as known"
+    std = "" if row.std is None else f" ± {row.std:.3g}"
+    share = f", about {100.0 * row.share:.0f} % of repeats agree" if row.noisy and row.share is not None else ""
+    ours = f"{row.ours:.3g}{std} {row.number.unit}".rstrip()
+    return f" ({ours}{share}); repeat it, or list it as known"
 
 
 def _missed(row: Row) -> str:

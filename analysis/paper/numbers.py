@@ -67,6 +67,7 @@ class PaperNumber(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     target: str = ""
     chosen: str = ""
     seen: str = ""
+    repeats: tuple[str, str] | None = None
 
     @property
     def digits(self) -> str:
@@ -109,12 +110,16 @@ def parse_numbers(text: str, where: str) -> dict[str, PaperTable]:
     """Return the tables in TOML text; `where` names it in errors.
 
     Raises ConfigError for broken TOML, unknown fields, a key used twice, an unknown unit or rule, a calibrated row
-    without its history, and a predicted row that could hardly fail.
+    without its history, a predicted row that could hardly fail, and one that repeats a row that is not there.
     """
     try:
         tables = msgspec.convert(toml_of(text, where), _File).table
     except msgspec.ValidationError as error:
         raise ConfigError(f"{where}: {error}; see its head for what a row holds") from None
+    keys = {(key, n.key) for key, table in tables.items() for n in table.rows}
+    for n in (n for table in tables.values() for n in table.rows):
+        if n.repeats and n.repeats not in keys:
+            raise ConfigError(f"{where}: row '{n.key}' repeats {list(n.repeats)}, which is no row; name table and key")
     return {
         key: msgspec.structs.replace(
             table, rows=tuple(_complete(n, table, f"{where}: table {key}") for n in table.rows)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 from analysis.paper.numbers import UNIT_SI, Label, PaperNumber, PaperTable
 
@@ -13,13 +13,21 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+SURE = 0.95
+"""Share of repeats that have to agree with the paper, or to differ from it, for one of them to say which."""
+
+
 @dataclass(frozen=True)
 class Ours:
-    """Our value of one row in SI, its standard deviation where one is known, and a remark; infinite means never."""
+    """Our value of one row in SI, its standard deviation where one is known, and a remark; infinite means never.
+
+    `share` is the share of repeats with other noise that agree with the paper, where a study has counted them.
+    """
 
     value: float
     std: float | None = None
     note: str = ""
+    share: float | None = None
 
 
 @dataclass(frozen=True)
@@ -27,7 +35,7 @@ class Row:
     """One row, all numbers in the unit of the paper; `ours` is None where nothing was measured.
 
     `ours` is what the paper's controllers achieve here, `own` what this project's design does, None where it was not
-    played.
+    played. `counted` is the share of repeats that agree, where a study has counted them.
     """
 
     number: PaperNumber
@@ -36,6 +44,7 @@ class Row:
     note: str = ""
     own: float | None = None
     own_std: float | None = None
+    counted: float | None = None
 
     @property
     def deviation(self) -> float | None:
@@ -61,16 +70,44 @@ class Row:
     def determined(self) -> bool:
         """Whether ours can be compared with the paper's: known better than its own size, or than the tolerance.
 
-        An upper bound is met or not however small ours is.
+        An upper bound is met or not however small ours is. Nothing is determined by noise that might as well have given
+        the other answer.
         """
+        return self._known_well and not self.noisy
+
+    @property
+    def _known_well(self) -> bool:
         if self.ours is None or self.std is None or self.number.upper:
             return True
         return self.std < abs(self.ours) or self.std <= self.number.tolerance
 
     @property
+    def share(self) -> float | None:
+        """Share of repeats with other noise that lie within the tolerance; None where no scatter is known.
+
+        It was counted, or follows from the standard deviation, taken as that of Gaussian noise about ours.
+        """
+        deviation = self.deviation
+        if self.counted is not None or not self.std or deviation is None or not math.isfinite(deviation / self.std):
+            return self.counted
+        above = _gaussian((self.number.tolerance - deviation) / self.std)
+        below = 0.0 if self.number.upper else _gaussian((-self.number.tolerance - deviation) / self.std)
+        return above - below
+
+    @property
+    def noisy(self) -> bool:
+        """Whether the noise decides if ours agrees: neither answer is that of nearly every repeat."""
+        return self._known_well and self.share is not None and 1.0 - SURE < self.share < SURE
+
+    @property
     def met(self) -> bool | None:
         """Whether ours meets the paper's requirement; None where there is none or nothing was measured."""
         return self._meets(self.ours)
+
+    @property
+    def paper_met(self) -> bool | None:
+        """Whether the paper's own number meets its requirement; None as `met`."""
+        return self._meets(self.number.value)
 
     @property
     def own_met(self) -> bool | None:
@@ -82,6 +119,22 @@ class Row:
         if required is None or value is None:
             return None
         return value >= required if self.number.at_least else value <= required
+
+    @property
+    def own_worse(self) -> bool:
+        """Whether this project's design is farther on the bad side of a requirement than the paper's controllers here.
+
+        What noise alone could make of equal numbers counts for nothing.
+        """
+        if self.number.requirement is None or self.own is None or self.ours is None:
+            return False
+        more = (self.ours - self.own) if self.number.at_least else (self.own - self.ours)
+        return more > 2.0 * math.hypot(self.std or 0.0, self.own_std or 0.0)
+
+    @property
+    def missed(self) -> bool:
+        """Whether ours does not agree, whatever the label: outside of the tolerance, or so that the noise decides."""
+        return self.ok is False or (self.ours is not None and not self.determined)
 
     @property
     def failed(self) -> bool:
@@ -174,7 +227,7 @@ def build_table(
 def _row(number: PaperNumber, ours: Ours | float | None, own: Ours | float | None) -> Row:
     value, std, note = _in_unit(number, ours)
     own_value, own_std, _ = _in_unit(number, own)
-    return Row(number, value, std, note, own_value, own_std)
+    return Row(number, value, std, note, own_value, own_std, ours.share if isinstance(ours, Ours) else None)
 
 
 def _in_unit(number: PaperNumber, ours: Ours | float | None) -> tuple[float | None, float | None, str]:
@@ -185,16 +238,38 @@ def _in_unit(number: PaperNumber, ours: Ours | float | None) -> tuple[float | No
     return float(full.value / si), None if full.std is None else float(full.std / si), full.note
 
 
-def label_counts(tables: list[Table]) -> dict[Label, tuple[int, int, int]]:
-    """Return for every label how many rows lie within their tolerance, how many do not, and how many are unknown.
+class Count(NamedTuple):
+    """How many rows lie within their tolerance and outside, of how many the noise decides, how many are unknown."""
 
-    A folded table holds the numbers of another one and is not counted again.
+    within: int
+    outside: int
+    noisy: int
+    unknown: int
+
+    @property
+    def compared(self) -> int:
+        """How many rows have a number of ours beside the paper's."""
+        return self.within + self.outside + self.noisy
+
+
+def label_counts(tables: list[Table]) -> dict[Label, Count]:
+    """Return the count of every label.
+
+    A folded table holds the numbers of another one, and a row may repeat one: neither is counted again.
     """
-    counts: dict[Label, tuple[int, int, int]] = {}
+    counts: dict[Label, Count] = {}
     for label in get_args(Label):
-        found = [r.inside for t in tables if not t.paper.folded for r in t.rows if r.number.label == label]
-        counts[label] = (found.count(True), found.count(False), found.count(None))
+        rows = [r for t in tables if not t.paper.folded for r in t.rows if r.number.label == label]
+        rows = [r for r in rows if not r.number.repeats]
+        found = [r.inside for r in rows]
+        noisy = sum(r.noisy for r in rows)
+        counts[label] = Count(found.count(True), found.count(False), noisy, found.count(None) - noisy)
     return counts
+
+
+def _gaussian(x: float) -> float:
+    """Share of a standard normal distribution below `x`."""
+    return 0.5 * (1.0 + math.erf(x / math.sqrt(2.0)))
 
 
 def _finite(value: float | None) -> float | None:

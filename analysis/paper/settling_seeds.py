@@ -7,13 +7,17 @@ the swing that is the last to leave the band.
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
+from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.benches import DEFAULT_MODEL
+from sim_backend.bench import SIMULATED
 from sim_backend.documents import toml_of
 
 WORDS = "analysis/paper/settling_seeds.toml"
@@ -37,12 +41,21 @@ class Seeds:
         """Return the settling time that this share of the seeds does not exceed, in ms."""
         return 1e3 * float(np.quantile(self.settling_s, share, method="inverted_cdf"))
 
-    def said(self) -> str:
-        """Return the range, with what it rests on."""
-        low, middle, high = (self.quantile_ms(share) for share in (0.05, 0.5, 0.95))
-        of = f"{self.settling_s.size} seeds of the bundled bench after {self.learning_s:g} s of learning"
+    def covers(self, bench: Mapping[str, str], settings: Mapping[str, Any]) -> bool:
+        """Tell whether a run is one that the study repeated: the bundled bench, simulated, after the same learning."""
+        bundled = bench.get("kind") in SIMULATED and bench.get("name") == DEFAULT_MODEL
+        return bundled and settings.get("tuning", {}).get("learning_s") == self.learning_s
+
+    def share_within(self, value_s: float, tolerance_s: float) -> float:
+        """Return the share of the seeds whose settling time lies so near to a value."""
+        return float(np.mean(np.abs(self.settling_s - value_s) <= tolerance_s * (1.0 + 1e-9)))
+
+    def said(self, share: float) -> str:
+        """Return what `share` of the seeds agree with the paper, and the range of all."""
+        low, middle, high = (self.quantile_ms(part) for part in (0.05, 0.5, 0.95))
         return (
-            f"depends on the seed: 5–95 % of {of} {low:.1f}–{high:.1f} ms, median {middle:.1f} (Fig. A3, {self.source})"
+            f"depends on the noise: {100.0 * share:.0f} % of {self.settling_s.size} seeds agree with the paper, the "
+            f"median settles in {middle:.1f} ms, 5–95 % in {low:.1f}–{high:.1f} ms (Fig. A3)"
         )
 
 

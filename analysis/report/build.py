@@ -10,6 +10,7 @@ from typing import Any
 
 from analysis.design.stages import stages_csv
 from analysis.pages.canvas import Canvas
+from analysis.pages.cut_off import cut_off
 from analysis.paper.evidence import EVIDENCE
 from analysis.paper.figures import FIGURES, make_figure
 from analysis.paper.measured import Measured
@@ -98,11 +99,12 @@ def _write_figure(key: str, canvas: Canvas, measured: Measured, folder: Path) ->
     path = folder / f"figure-{key}.svg"
     svg = canvas.svg(_stamp(canvas, measured))
     write_text(path, svg)
+    caption = f"{canvas.caption} {cut_off(canvas)}".rstrip()
     numbers = canvas.numbers()
     write_text(
         path.with_suffix(".csv"), inert_frame(numbers).to_csv(index=False, lineterminator="\n", float_format="%.9g")
     )
-    return FigurePart(key, canvas.title, canvas.caption, svg, path, canvas.run_uids, numbers)
+    return FigurePart(key, canvas.title, caption, svg, path, canvas.run_uids, numbers)
 
 
 def _stamp(canvas: Canvas, measured: Measured) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,10 +14,20 @@ from markupsafe import Markup, escape
 from analysis.design.stages import STAGE_HEADS, StageResult, stage_rows
 from analysis.pages.environment import page_environment
 from analysis.pages.explorer import Explorer
+from analysis.pages.formats import printed, unit_text
 from analysis.pages.svg import inlined
 from analysis.paper.pieces import Evidence
-from analysis.paper.rows import Row, Table, label_counts
-from analysis.report.tables import display_frame
+from analysis.paper.rows import Table, label_counts
+from analysis.report.strategies import TERMS
+from analysis.report.tables import (
+    agreement_text,
+    display_frame,
+    ours_text,
+    own_text,
+    paper_text,
+    tolerance_text,
+)
+from analysis.report.verdict import simulated, verdict_of
 from campaigns.log import Run
 from campaigns.version import tool_commit, tool_version
 
@@ -49,54 +60,32 @@ class FigurePart:
         return pd.DataFrame(rows, columns=list(heads))
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What the page says first: requirements met of those measured, missed ones by name, predictions in tolerance.
-
-    The numbers of this project's own design stand apart.
-    """
-
-    met: int
-    measured: int
-    missed: tuple[str, ...]
-    agreeing: int
-    predictions: int
-    failures: dict[str, tuple[Row, ...]]
-    own_met: int = 0
-    own_measured: int = 0
-    own_missed: tuple[str, ...] = ()
-
-
-def verdict_of(tables: dict[str, Table]) -> Verdict:
-    """Return the verdict over all tables; the requirements are those of Table 6.6."""
-    required = [row for row in tables["6.6"].rows if row.met is not None] if "6.6" in tables else []
-    own = [row for row in tables["6.6"].rows if row.own_met is not None] if "6.6" in tables else []
-    rows = [row for table in tables.values() for row in table.rows]
-    known = [row for row in rows if row.number.label == "predicted" and row.ok is not None]
-    return Verdict(
-        met=sum(bool(row.met) for row in required),
-        measured=len(required),
-        missed=tuple(row.number.row for row in required if not row.met),
-        agreeing=sum(bool(row.ok) for row in known),
-        predictions=len(known),
-        failures={
-            key: failed for key, table in tables.items() if (failed := tuple(row for row in table.rows if row.failed))
-        },
-        own_met=sum(bool(row.own_met) for row in own),
-        own_measured=len(own),
-        own_missed=tuple(row.number.row for row in own if not row.own_met),
-    )
-
-
 def exactly(value: float | None) -> Markup:
     """Return every digit of a number for the page's machine-readable values; empty where JSON has null."""
     return Markup(repr(float(value)) if value is not None and math.isfinite(value) else "")
 
 
+_NAMED = re.compile(r"\b(Table|Fig\.) (\d\.\d+|A\d)\b")
+
+
+def linked(text: str, anchors: Collection[str]) -> Markup:
+    """Return a text whose tables and figures are links, where the page has their `anchors`."""
+
+    def link(found: re.Match[str]) -> str:
+        anchor = f"{'table' if found[1] == 'Table' else 'figure'}-{found[2]}"
+        return f'<a href="#{anchor}">{found[0]}</a>' if anchor in anchors else found[0]
+
+    return Markup(_NAMED.sub(link, str(escape(printed(text)))))
+
+
 def _environment() -> jinja2.Environment:
     environment = page_environment("analysis.report")
     environment.filters["exactly"] = exactly
-    environment.globals["frame_of"] = display_frame
+    environment.filters |= {"linked": linked, "unit": unit_text, "capitalize_first": _capitalised}
+    environment.globals |= {"frame_of": display_frame, "anchors": ()}
+    environment.globals |= {
+        one.__name__: one for one in (agreement_text, ours_text, own_text, paper_text, tolerance_text)
+    }
     return environment
 
 
@@ -125,11 +114,18 @@ def render_page(
         evidence=evidence,
         explorers=explorers,
         stages=(STAGE_HEADS, stage_rows(stages)) if stages else None,
-        verdict=verdict_of(tables),
+        verdict=verdict_of(tables, runs),
+        simulated=sum(map(simulated, runs)),
+        terms=TERMS,
+        anchors={*(f"table-{key}" for key in tables), *(f"figure-{key}" for key in figures)},
         counts=label_counts(list(tables.values())),
         version=f"{tool_version()} ({tool_commit()})",
     )
     return str(page)
+
+
+def _capitalised(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _quoted(part: FigurePart) -> str:

@@ -3,32 +3,41 @@
 from __future__ import annotations
 
 import math
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from analysis.pages.formats import NONE, exact, shown, unit_text
+from analysis.pages.formats import NONE, exact, rounded, shown, unit_text
 from analysis.paper.rows import Row, Table
+from analysis.report.strategies import OWN
 from campaigns.spreadsheet import inert_frame
 from sim_backend.safe_write import write_text
 
 if TYPE_CHECKING:
     import pandas as pd
 
-OWN = "this project"
 THEIRS = "paper's controllers here"
-"""Heads of a table that compares; elsewhere the second is called ours."""
+"""Head of a table that compares; elsewhere it is called ours."""
 
 KEPT = "kept"
 """Mark of a row that lies within a bound, which is not agreement."""
 
 _MARKS = {True: "yes", False: "no", None: NONE}
 
+NOISY = "noise decides"
+"""What stands where another repeat may well give the other answer."""
+
 UNDETERMINED = "not determined"
 """What stands where ours is more uncertain than it is large."""
 
 
 def agreement_text(row: Row) -> str:
-    """Return in a word whether ours agrees; a bound is kept, which is not agreement."""
+    """Return in a word whether ours agrees; a bound is kept, which is not agreement.
+
+    Where the noise decides, the share of repeats that agree stands beside it.
+    """
+    if row.noisy and row.share is not None:
+        return f"{NOISY}: {100.0 * row.share:.0f}\N{NO-BREAK SPACE}% agree"
     if not row.determined:
         return UNDETERMINED
     return KEPT if row.inside and row.ok is None else _MARKS[row.ok]
@@ -41,12 +50,12 @@ def display_frame(table: Table) -> pd.DataFrame:
     columns: dict[str, list[str]] = {"row": [r.number.row for r in table.rows]}
     if any(r.number.requirement is not None for r in table.rows):
         columns["required"] = [_required(r) for r in table.rows]
-    columns["paper"] = [_paper(r) for r in table.rows]
-    columns["ours"] = [_ours(r) for r in table.rows]
+    columns["paper"] = [paper_text(r) for r in table.rows]
+    columns["ours"] = [ours_text(r) for r in table.rows]
     if table.compared:
-        columns[OWN] = [shown(r.own, like=r.number.value, std=r.own_std) for r in table.rows]
+        columns[OWN] = [own_text(r) for r in table.rows]
     columns["deviation"] = [_deviation(r) for r in table.rows]
-    columns["tolerance"] = [f"{'+' if r.number.upper else '±'}{exact(r.number.tolerance)}" for r in table.rows]
+    columns["tolerance"] = [tolerance_text(r) for r in table.rows]
     columns["unit"] = [unit_text(r.number.unit) for r in table.rows]
     columns["label"] = [r.number.label for r in table.rows]
     columns["agrees"] = [agreement_text(r) for r in table.rows]
@@ -58,9 +67,27 @@ def _required(row: Row) -> str:
     return text if row.number.requirement is None else f"{'≥' if row.number.at_least else '≤'} {text}"
 
 
-def _paper(row: Row) -> str:
+def paper_text(row: Row) -> str:
+    """Return the paper's number as printed."""
     text = row.number.printed or exact(row.number.value)
     return f"≤ {text}" if row.number.upper else text
+
+
+def tolerance_text(row: Row) -> str:
+    """Return how far ours may lie from the paper's number, or above it."""
+    return f"{'+' if row.number.upper else '±'}{exact(row.number.tolerance)}"
+
+
+def ours_text(row: Row) -> str:
+    """Return ours to two digits of its standard deviation, which stands beside it, or with the digits of `_last`."""
+    if row.std and row.ours is not None:
+        return f"{shown(row.ours, std=row.std)} ± {shown(row.std, std=row.std)}"
+    return _plain(row, row.ours)
+
+
+def own_text(row: Row) -> str:
+    """Return the number of this project's design in the same way, without its standard deviation."""
+    return shown(row.own, std=row.own_std) if row.own_std else _plain(row, row.own)
 
 
 def _deviation(row: Row) -> str:
@@ -69,16 +96,34 @@ def _deviation(row: Row) -> str:
         return NONE
     if abs(deviation) <= 1e-9 * abs(paper):  # the rounding of floating-point numbers
         return "0"
-    digits = f"{deviation:.2g}" if row.std is None and abs(deviation) < math.inf else None
-    text = shown(deviation, std=row.std) if digits is None else shown(float(digits), like=float(digits) or 1.0)
-    return text if text.startswith("−") or math.isinf(deviation) else f"+{text}"
+    text = shown(deviation, std=row.std) if row.std else _plain(row, deviation, row.ours)
+    return text if text in ("0", "never") or text.startswith("−") else f"+{text}"
 
 
-def _ours(row: Row) -> str:
-    text = shown(row.ours, like=row.number.value, std=row.std)
-    if row.std is not None and row.ours is not None and row.std > 0.0:
-        return f"{text} ± {shown(row.std, std=row.std)}"
-    return text
+def _plain(row: Row, value: float | None, beside: float | None = None) -> str:
+    """Return a number of which no scatter is known, in the digits that `_last` gives it or what stands `beside` it."""
+    if value is None or value == 0.0 or not math.isfinite(value):
+        return shown(value)
+    last = _last(row, value if beside is None else beside)
+    return rounded(value, last) if round(value, -last) else "0"
+
+
+def _last(row: Row, ours: float) -> int:
+    """Return the power of ten of the last digit of ours and of its deviation, so that ours less the paper's gives it.
+
+    All digits of the paper stand, and two of ours and of the deviation, but none below a thousandth of the tolerance.
+    """
+    paper, tolerance = row.number.value, row.number.tolerance
+    wanted = [_size(ours) - 1]
+    if paper is not None:
+        wanted.append(int(Decimal(row.number.digits).as_tuple().exponent))
+        if abs(ours - paper) > 1e-9 * abs(paper):  # else the rounding of floating-point numbers
+            wanted.append(_size(ours - paper) - 1)
+    return max(min(wanted), _size(tolerance) - 3) if tolerance > 0.0 else min(wanted)
+
+
+def _size(value: float) -> int:
+    return math.floor(math.log10(abs(value)))
 
 
 def write_table(table: Table, folder: Path, html: str) -> dict[str, Path]:

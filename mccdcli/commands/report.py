@@ -78,8 +78,9 @@ def report(
     """Run what is missing of a campaign, then build its report: every table and figure beside the paper's.
 
     The report is written to the folder --out (default: report), its logs to OUT/campaign, those of this project's own
-    controller to OUT/designed. --check names each predicted number that is outside its tolerance or not determined,
-    and each bound that is exceeded. Those in --known-misses do not fail; one of them that passes again is named too.
+    controller to OUT/designed. --check names each predicted number that is outside its tolerance or not determined
+    (as where noise decides whether it agrees), and each bound that is exceeded. Those in --known-misses do not fail;
+    one of them that passes again is named too.
 
     \b
     Examples:
@@ -155,18 +156,20 @@ def _play_design(measured: Measured, folder: Path, bench: str, seed: int, levels
 
 
 def _text(built: Report) -> str:
-    from analysis.report.page import verdict_of
+    from analysis.report.verdict import verdict_of
 
     rows = []
     for key, one in built.tables.items():
         oks = [row.ok for row in one.rows]
         kept = sum(row.ok is None and row.inside is True for row in one.rows)
-        counts = oks.count(True), oks.count(False), kept, oks.count(None) - kept
+        noisy = sum(row.noisy for row in one.rows)
+        counts = oks.count(True), oks.count(False), kept, noisy, oks.count(None) - kept - noisy
         rows.append((key, *map(str, counts), one.paper.title))
     found = verdict_of(built.tables)
     missed = f"; missed: {', '.join(found.missed)}" if found.missed else ""
     met = f"\n\nrequirements met: {found.met} of {found.measured}{missed}" if found.measured else ""
-    return f"{table(rows, heads=('table', 'agree', 'differ', 'bound kept', 'unknown', ''))}{met}\n\n{built.page}"
+    heads = ("table", "agree", "differ", "bound kept", "noise decides", "unknown", "")
+    return f"{table(rows, heads=heads)}{met}\n\n{built.page}"
 
 
 def _checked(built: Report, known: Known, junit: Path | None) -> int:

@@ -389,5 +389,5 @@ for (const section of document.querySelectorAll(".explorer")) {
   });
 }
 // on paper nothing can be unfolded
-addEventListener("beforeprint", () => document.querySelectorAll(".failures details, details.folded").forEach((d) => { d.open = true; }));
+addEventListener("beforeprint", () => document.querySelectorAll("details.folded, details.terms").forEach((d) => { d.open = true; }));
 document.documentElement.classList.add("live");

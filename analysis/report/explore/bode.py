@@ -24,7 +24,7 @@ def bode(measured: Measured) -> Explorer | None:
     return Explorer(
         "bode",
         "Frequency response",
-        "Stepped sine on the bench; the modal fit to it and the design model, both behind the bench's zero-order hold.",
+        "Stepped sine; the modal fit to it and the design model, both behind the bench's zero-order hold.",
         {"axis": tuple(chosen[0] for chosen in views)},
         views,
     )

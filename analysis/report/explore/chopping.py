@@ -33,7 +33,7 @@ def chopping(measured: Measured) -> Explorer | None:
     return Explorer(
         "chopping",
         "Stillness of a slow chop",
-        "Offset from the mean position in all observation windows, one after another, under the hybrid strategy. "
+        "Offset from the mean position in all observation windows, one after another, under hybrid control. "
         "Shaded: ±1.7 µrad.",
         {name: tuple(dict.fromkeys(chosen[i] for chosen in views)) for i, name in enumerate(names)},
         views,

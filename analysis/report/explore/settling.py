@@ -8,6 +8,7 @@ from analysis.measurements.settling import BAND_RAD, settling
 from analysis.pages.explorer import Array, Explorer, Facts, Panel, Series, View
 from analysis.paper.measured import Measured
 from analysis.recorded.chop import ChopPhase
+from analysis.report.strategies import STRATEGY_NAMES
 
 SHOWN_S = 0.1
 FIRST_RANGE_URAD = (-40.0, 40.0)
@@ -30,8 +31,8 @@ def settling_moves(measured: Measured) -> Explorer | None:
         "settling",
         "Settling of a fast chop",
         "Error along the direction of motion of the mean move, all cycles but the first; time from the start of the "
-        "move. “away” is the move to the second position, “back” the one that returns. Shaded: ±1.7 µrad; a dash: it "
-        "does not settle before the next move.",
+        "move. “away” is the move to the second position, “back” the one that returns. Shaded: ±1.7 µrad; a dash: "
+        "never, not before the next move.",
         {"direction": tuple(dict.fromkeys(v[0] for v in views)), "move": tuple(dict.fromkeys(v[1] for v in views))},
         views,
     )
@@ -52,7 +53,8 @@ def along(phase: ChopPhase, alpha_deg: float, position: int) -> Array:
 
 def _view(phases: dict[str, ChopPhase], alpha: float, position: int) -> View:
     series, rows = [], []
-    for name, phase in phases.items():
+    for strategy, phase in phases.items():
+        name = STRATEGY_NAMES.get(strategy, strategy)
         error = along(phase, alpha, position)
         settled = settling(error, phase.rate_hz, 0.0)
         time_s = np.arange(error.size) / phase.rate_hz

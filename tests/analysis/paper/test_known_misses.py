@@ -50,6 +50,24 @@ def test_every_state_of_a_number() -> None:
     }
 
 
+def test_what_the_noise_decides_fails_until_it_is_known_be_it_a_prediction_or_a_bound() -> None:
+    numbers = number("near"), number("bound", "bound"), number("counted"), number("set", "calibrated")
+    near = Ours(10.9, std=0.2)
+    given = {"near": near, "bound": near, "counted": Ours(10.0, share=0.4), "set": near}
+    table = build_table("1", PaperTable(title="t", note="", rows=numbers), given)
+    unsure = (
+        "not determined by this campaign (10.9 ± 0.2 Hz, about 69 % of repeats agree); repeat it, or list it as known"
+    )
+    counted = unsure.replace("10.9 ± 0.2 Hz, about 69", "10 Hz, about 40")
+    assert [(one.row, one.state, one.said) for one in outcomes({"1": table}, {})] == [
+        ("row near", "failed", unsure),
+        ("row bound", "failed", unsure),
+        ("row counted", "failed", counted),
+    ]
+    known = {("1", f"row {key}"): "seen" for key in ("near", "bound", "counted")}
+    assert {one.state for one in outcomes({"1": table}, known)} == {"known miss"}
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -58,7 +76,7 @@ def test_every_state_of_a_number() -> None:
         ('["6.4"]\n"2nd order (30 Hz): settlin" = "b"\n', "did you mean '2nd order (30 Hz): settling'"),
         ('["6.4"]\n"2nd order (30 Hz): settling" = " "\n', "has no reason"),
         ('["6.4"]\n"2nd order (30 Hz): settling" = 3\n', "has no reason"),
-        ('["6.1"]\n"first mode, measured" = "b"\n', "labelled calibrated and never fails"),
+        ('["6.1"]\n"first mode, measured in the paper" = "b"\n', "labelled calibrated and never fails"),
         ("nonsense", "not valid TOML"),
     ],
 )

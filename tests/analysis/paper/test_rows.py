@@ -50,6 +50,54 @@ def test_a_bound_that_is_kept_is_no_agreement_and_one_exceeded_fails():
     assert (above.inside, above.ok, above.failed) == (False, False, True)
 
 
+@pytest.mark.parametrize(
+    ("ours", "upper", "share"),
+    [
+        # tolerance 0.5 about 2 µrad; the distance to its edges in standard deviations, from a table of the normal curve
+        (Ours(2.4e-6, std=0.1e-6), False, 0.8413),
+        (Ours(2.6e-6, std=0.1e-6), False, 0.1587),
+        (Ours(2.4e-6, std=0.1e-6), True, 0.8413),
+        (Ours(2.0e-6, std=0.5e-6), False, 0.6827),
+        (Ours(2.0e-6, share=0.405), False, 0.405),
+    ],
+)
+def test_what_the_noise_decides_is_neither_agreement_nor_miss(ours, upper, share):
+    made = table(number(upper=upper), a=ours)
+    (row,) = made.rows
+    assert row.share == pytest.approx(share, abs=1e-4)
+    assert row.noisy and row.missed and not row.determined and not row.failed
+    assert row.ok is None and row.inside is None
+    assert label_counts([made])["predicted"] == (0, 0, 1, 0)
+
+
+@pytest.mark.parametrize(
+    ("ours", "ok"),
+    [
+        (Ours(2.3e-6, std=0.1e-6), True),
+        (Ours(2.7e-6, std=0.1e-6), False),
+        (Ours(2.4e-6, share=0.96), True),
+        (Ours(2.4e-6), True),
+        (Ours(math.inf, std=1e-6), False),
+    ],
+)
+def test_an_answer_that_nearly_every_repeat_gives_stands(ours, ok):
+    (row,) = table(number(), a=ours).rows
+    assert row.ok is ok and not row.noisy and row.missed is not ok
+
+
+def test_a_number_that_is_printed_twice_is_counted_once():
+    made = table(number("a"), number("b", repeats=("x", "a")), a=Ours(2e-6), b=Ours(2e-6))
+    assert label_counts([made])["predicted"] == (1, 0, 0, 0)
+
+
+def test_worse_is_more_than_noise_could_make_of_equal_numbers():
+    given = {key: Ours(1e-6, std=0.1e-6) for key in "abc"}
+    own = {"a": Ours(1.2e-6, std=0.1e-6), "b": Ours(1.4e-6, std=0.1e-6), "c": Ours(0.5e-6, std=0.1e-6)}
+    numbers = [number(key, requirement=2.0) for key in "abc"]
+    made = build_table("x", PaperTable(title="T", note="", rows=tuple(numbers)), given, (), own)
+    assert [row.own_worse for row in made.rows] == [False, True, False]
+
+
 def test_numbers_come_in_the_papers_unit():
     row = table(number(), a=Ours(3e-6, std=1e-7, note="n")).rows[0]
     assert (row.ours, row.std, row.deviation, row.note) == (
@@ -72,13 +120,13 @@ def test_inputs_and_calibrations_cannot_fail():
     assert [row.ok for row in made.rows] == [False, False]
     assert not any(row.failed for row in made.rows)
     assert label_counts([made]) == {
-        "predicted": (0, 0, 0),
-        "calibrated": (0, 1, 0),
-        "input": (0, 1, 0),
-        "bound": (0, 0, 0),
+        "predicted": (0, 0, 0, 0),
+        "calibrated": (0, 1, 0, 0),
+        "input": (0, 1, 0, 0),
+        "bound": (0, 0, 0, 0),
     }
     folded = PaperTable(title="T", note="", rows=(number(),), folded=True)
-    assert label_counts([build_table("x", folded, {"a": Ours(2e-6)})])["predicted"] == (0, 0, 0)
+    assert label_counts([build_table("x", folded, {"a": Ours(2e-6)})])["predicted"] == (0, 0, 0, 0)
 
 
 def test_requirements_are_upper_or_lower_limits():

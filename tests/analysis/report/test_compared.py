@@ -6,8 +6,9 @@ import pandas as pd
 
 from analysis.paper.numbers import PaperNumber, PaperTable
 from analysis.paper.rows import Ours, build_table
-from analysis.report.page import render_page, render_table, verdict_of
+from analysis.report.page import render_page, render_table
 from analysis.report.tables import display_frame, latex, write_table
+from analysis.report.verdict import verdict_of
 
 ROWS = tuple(
     PaperNumber(
@@ -44,7 +45,7 @@ def test_every_form_of_the_table_shows_both(tmp_path):
     frame = pd.read_csv(tmp_path / "table-6.6.csv")
     assert frame.this_project.tolist()[:2] == [4.5, 1.8] and frame.this_project.isna().tolist() == [False, False, True]
     shown = display_frame(table)
-    assert shown["this project"].tolist() == ["4.50", "1.80", "—"]
+    assert shown["this project"].tolist() == ["4.50", "1.8", "—"]
     # what is hidden stands beside the name of its row on a telephone
     html, hidden = re.subn(r"<(small|span)[^>]* hidden>[^<]*</\1>", "", render_table(table))
     assert hidden == 3 + 2 + 2  # three of theirs, two of ours, each of these named
@@ -58,4 +59,4 @@ def test_without_a_design_a_table_is_as_it_was():
     table = build_table("6.6", PAPER, THEIRS)
     assert "this project" not in render_table(table) and "this project" not in display_frame(table)
     assert "this_project" not in table.frame() and "this_project" not in table.as_json()[0]
-    assert "own design" not in render_page([], {"6.6": table}, {}, [])
+    assert "This project's controller meets" not in render_page([], {"6.6": table}, {}, [])
