@@ -197,11 +197,11 @@ def _loops(
             refused.append(error)
             continue
         found.append((feedback, learning))
-        if feedback.quiet * learning.meets >= ENOUGH:
+        if feedback.quiet * learning.likely >= ENOUGH:
             return found[-1]
     if not found:
         raise refused[0]
-    return max(found, key=lambda both: both[0].quiet * both[1].meets)
+    return max(found, key=lambda both: both[0].quiet * both[1].likely)
 
 
 def _quiet(rest: Run, dof: str) -> Array:

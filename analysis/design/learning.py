@@ -41,6 +41,9 @@ ENOUGH = 0.99
 LEAST = 0.5
 """Part of the plants that must settle, or the design is refused."""
 
+OFF = 0.25
+"""How far a real error may be off the predicted one, relatively: plants have neither hysteresis nor noise. (Assumed.)"""
+
 QUICK = 2
 """Periods after which no plant should stray any more: the bench is stopped where it does (`strategies.watch`)."""
 
@@ -123,11 +126,22 @@ class LearningDesign:
     def meets(self) -> float:
         """The part of the plants that are near enough in the end, and do not stray for longer than QUICK periods."""
         settles = self.expected.after_rad[-1] <= LEFT * BAND_RAD
-        return float(np.mean(settles & (self.expected.after_rad[QUICK:].max(axis=0) <= STRAY_RAD)))
+        return float(np.mean(settles & (self._strays_rad <= STRAY_RAD)))
 
-    def rank(self) -> tuple[bool, float, float]:
-        """Return what a learning is chosen by: it may be played, most plants settle, then the smallest error."""
-        return bool(self.refusal), -self.meets, self.expected.left_rad
+    @property
+    def _strays_rad(self) -> Array:
+        """How far each plant (n,) is off after its steps, from the period on in which none should stray any more."""
+        return np.asarray(self.expected.after_rad[QUICK:].max(axis=0))
+
+    @property
+    def likely(self) -> float:
+        """The part of the plants that is likely to meet, where real errors differ from the predicted ones by OFF."""
+        nearest = np.maximum(self.expected.after_rad[-1] / (LEFT * BAND_RAD), self._strays_rad / STRAY_RAD)
+        return float(np.mean(np.clip(0.5 + (1.0 - nearest) / (2.0 * OFF), 0.0, 1.0)))
+
+    def rank(self) -> tuple[bool, float]:
+        """Return what a learning is chosen by: it may be played, and most plants are likely to meet what is asked."""
+        return bool(self.refusal), -self.likely
 
     @property
     def taps(self) -> tuple[float, ...]:
