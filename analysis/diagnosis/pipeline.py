@@ -37,6 +37,7 @@ from analysis.diagnosis.variance.causes import VarianceEffects, variance_effects
 from analysis.diagnosis.variance.lines import without_lines, without_lines_of
 from analysis.diagnosis.variance.quantisation import lattices_of
 from analysis.diagnosis.verdict.causes import causes_of
+from analysis.diagnosis.verdict.considered import considered_of
 from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.generic_alternative import generic_alternatives
 from analysis.diagnosis.verdict.held_out import beside_doubts, follows_play, loses, validated
@@ -266,13 +267,15 @@ def diagnose(
         effects=(*best.effects, *variance.effects),
         before=answer.before,
         after=answer.after,
-        considered=judgement.rivals,
+        considered=considered_of(found, judgement),
         notes=tuple(filter(None, dict.fromkeys((*said, *_doubts(found))))),
         remainder=judgement.remainder,
         sensitivity=sensitivity_of(found, model),
         linear_std=deviations(linear, setting.nuisances, best.change_std * np.sqrt(judgement.inflation)),
         zeros=_zeros(setting, best),
         even=setting.whitener.even > 0.0,
+        adjusted=turned(setting.nominal, setting.nuisances, tuned.change),
+        tolerance=None if fitted_to(model, [record.name for record in data.records]) else options.tolerance,
     )
 
 
@@ -368,5 +371,5 @@ def _doubts(found: Found) -> list[str]:
         return []
     return [
         "nothing repeats in these records, so the noise is estimated from the residual: slow forces and slow "
-        "noise look alike, and an error of the model may be taken as noise; play every excitation at least twice"
+        "noise look alike, and an error of the model may be taken as noise"
     ]

@@ -163,9 +163,11 @@ class Canvas:
         with self._styled():
             self.axes[i].bar(xs, ys, width=width, label=printed(series), linewidth=0, **style)
 
-    def band(self, i: int, low: float, high: float, label: str) -> None:
-        """Shade the allowed band of panel `i`."""
-        self.axes[i].axhspan(low, high, color=COLOURS[2], alpha=0.13, linewidth=0, label=label)
+    def band(self, i: int, low: float, high: float, label: str, color: str = COLOURS[2]) -> None:
+        """Shade the allowed band of panel `i`, or another in a colour of its own."""
+        self.axes[i].axhspan(
+            low, high, color=color, alpha=0.13 if color == COLOURS[2] else 0.25, linewidth=0, label=label
+        )
 
     def circle(self, i: int, radius: float, label: str) -> None:
         """Draw a limit circle about zero on panel `i`."""

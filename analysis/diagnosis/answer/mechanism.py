@@ -14,20 +14,21 @@ import numpy as np
 import scipy
 
 from analysis.diagnosis.answer.explore import noise_density
-from analysis.diagnosis.answer.figures import AFTER, SWINGS, Drawn, swing_rows
+from analysis.diagnosis.answer.figures import AFTER, MEASURED, SWINGS, WIDE, Drawn, swing_rows
+from analysis.diagnosis.answer.words import effect_text
 from analysis.diagnosis.evidence.bins import rate_of
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import played, simulate
 from analysis.diagnosis.records.dataset import Window
 from analysis.diagnosis.result import Diagnosis
-from analysis.pages.canvas import INK, Canvas
+from analysis.pages.canvas import Canvas
 from analysis.pages.quantities import scaled, share
 from sim_backend.axis_names import axis_text, with_axes
 from sim_backend.effects.base import Effect, Site
 from sim_backend.linear import Array
 from sim_backend.model import Model
 
-SIZE = (4.8, 3.4)
+SIZE = (WIDE, 3.0)
 MOST_ROWS = 32768
 SHOWN_POINTS = 1200
 BINS = 30
@@ -38,6 +39,9 @@ SEEN = 0.3
 
 SMOOTHED = 9
 """Neighbouring frequency bins whose mean power is compared with that of the noise."""
+
+LOOP_SWINGS, LEAST_LOOP = 2, 32
+"""Swings of a loop that are drawn, and the fewest samples that show one."""
 
 LOOPS, RATES = ("hysteresis", "backlash"), ("friction",)
 """Parts of the names of effects that are seen in a loop over the position, and over the rate."""
@@ -219,23 +223,28 @@ def explained(x: Array, force: Array) -> float:
 
 
 def _drawn(missing: _Missing, over: Quantity, part: float, effect: Effect, window: Window) -> Drawn:
-    rows = _busiest(over.values, missing.modelled)
+    rows = _busiest(over.values, missing.modelled, looped=_looped(effect))
     x, size = over.values[rows], float(np.max(np.abs(over.values[rows])))
     factor, x_unit = scaled(size, over.unit)
     measured, modelled = missing.measured[rows], missing.modelled[rows]
     scale, unit = scaled(float(np.max(np.abs(modelled))), missing.unit)
     every = -(-x.size // SHOWN_POINTS)
-    canvas = Canvas(with_axes(f"{effect.reported()} at {effect.where}"), "", size=SIZE)
+    canvas = Canvas(with_axes(f"{effect_text(effect.reported())} at {effect.where}"), "", size=SIZE)
     canvas.panel(0, canvas.title, f"{over.label} ({x_unit})", f"{missing.label} ({unit})")
     at = x[::every] * factor
     if over.kind in ("position", "command") and _looped(effect):
         canvas.line(0, "extended model", at, modelled[::every] * scale, color=AFTER, linewidth=1.2)
     else:  # the model is a cloud as well: larger points below those that were measured
         canvas.points(0, "extended model", at, modelled[::every] * scale, color=AFTER, markersize=4.5, alpha=0.5, mew=0)
-    canvas.points(0, "measured", at, measured[::every] * scale, color=INK, marker=".", markersize=1.8, alpha=0.7)
+    canvas.points(0, "measured", at, measured[::every] * scale, color=MEASURED, marker=".", markersize=1.8, alpha=0.7)
     canvas.legend(0, loc="best")
     held = ", which no fit has seen" if window.held_out else ""
-    told = "" if _looped(effect) else f" Of the extended model's, {share(part)} is a function of {over.label}."
+    told = (
+        ""
+        if _looped(effect)
+        else f" Of the extended model's variance, {share(part)} is a function of {over.label}; the rest depends on "
+        "something else, or comes from the conversion, which leaves out what the noise hides."
+    )
     caption = (
         f"The {missing.label}, in segment “{window.label}”{held}: the measured residual converted into what would "
         f"make it, where it stands above the noise, and the same of the extended model.{told}"
@@ -247,9 +256,13 @@ def _looped(effect: Effect) -> bool:
     return any(part in effect.reported() for part in LOOPS)
 
 
-def _busiest(x: Array, force: Array) -> slice:
-    """Return the samples of a few swings of `x` (n,) where `force` (n,) is largest: more would hide each other."""
-    length = min(max(SWINGS * swing_rows(x), SHOWN_POINTS), x.size)
+def _busiest(x: Array, force: Array, *, looped: bool) -> slice:
+    """Return the samples of a few swings of `x` (n,) where `force` (n,) is largest: more would hide each other.
+
+    Loops hide each other sooner than points, and are drawn as lines: of those only `LOOP_SWINGS`.
+    """
+    swing = swing_rows(x)
+    length = min(max(LOOP_SWINGS * swing, LEAST_LOOP) if looped else max(SWINGS * swing, SHOWN_POINTS), x.size)
     total = np.concatenate([[0.0], np.cumsum(force**2)])
     begin = int(np.argmax(total[length:] - total[:-length]))
     return slice(begin, begin + length)

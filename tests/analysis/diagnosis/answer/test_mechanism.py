@@ -13,7 +13,8 @@ from analysis.diagnosis.answer.figures import bode_figure, evidence_figures, swi
 from analysis.diagnosis.answer.mechanism import SEEN, Quantity, drawn_over, explained, mechanism_figure
 from analysis.diagnosis.answer.opening import opening_figure, opening_output
 from analysis.diagnosis.answer.page import write_page
-from analysis.diagnosis.answer.sentence import surety
+from analysis.diagnosis.answer.surety import surety
+from analysis.diagnosis.calibration import counted
 from analysis.diagnosis.evidence.as_given import error_as_given
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.noise.estimate import whitener_from
@@ -154,7 +155,7 @@ def test_the_response_is_that_of_the_transfer_function():
     figure = bode_figure(found, axis(), 0)
     assert figure is not None
     f, size, *_ = drawn(figure.canvas, "measured")
-    f, size = f[: f.size // 2], size[: size.size // 2]  # magnitude first, then phase
+    f, size = f[: f.size // 3], size[: size.size // 3]  # magnitude, phase, ratio
     s = 2j * np.pi * f
     square = (2.0 * np.pi * HZ) ** 2
     closed = np.abs(square / (s**2 + 2.0 * DECAY * s + square))
@@ -228,7 +229,7 @@ def test_swings_are_those_of_the_motion_and_not_of_the_noise():
     assert swing_rows(np.zeros(1000)) == 500
 
 
-def test_why_an_answer_is_not_surer_is_told_beside_it():
+def test_what_limits_an_answer_and_what_to_do_is_told_beside_it():
     found, *_ = diagnosed("coulomb-friction")
     curve = Domain("uid", "x", np.zeros(2), "rad", np.ones(2), np.ones(2), 1e-30, "x at 3 mrad")
     more = dataclasses.replace(
@@ -240,15 +241,20 @@ def test_why_an_answer_is_not_surer_is_told_beside_it():
         evidence={"rate": (curve,)},
     )
     told = surety(more)
-    assert told.how[0] == f"coulomb-friction at x: {100.0 * found.causes[0].probability:.0f} % probable."
-    assert told.why_not[0] == (
+    blind = counted(found.causes[0].posterior)
+    assert blind is not None
+    assert told.how[0] == f"Coulomb friction at x: {100.0 * found.causes[0].probability:.0f} % probable."
+    assert told.how[1].startswith(f"Of {blind.names} such names in blind cases on simulated benches {blind.right} were")
+    assert told.limits[0] == (
         "Of the explanations compared, the next best, backlash, makes the data 50 times less likely."
     )
-    assert "6.00 % of the squared error" in told.why_not[1] and "p = 1·10⁻⁹" in told.why_not[1]
-    assert told.why_not[2].startswith("No segment was held out")
-    assert told.why_not[3] == "The noise is taken from the residual"
+    assert "6.00 % of the squared error" in told.limits[1] and "p = 1·10⁻⁹" in told.limits[1]
+    assert told.limits[2].startswith("No segment was held out")
+    assert told.limits[3] == "The noise is taken from the residual"
     far = dataclasses.replace(more, considered=(("b", -200.0 * np.log(10.0) - 0.1),))
-    assert "10²⁰⁰ times" in surety(far).how[-1] and not any("10²⁰⁰" in text for text in surety(far).why_not)
+    assert "10²⁰⁰ times" in surety(far).how[-1] and not any("10²⁰⁰" in text for text in surety(far).limits)
+    assert "nothing is tied" in told.steps[0]
+    assert any("at least twice" in step for step in told.steps) and any("Hold out" in step for step in told.steps)
     unknown = dataclasses.replace(more, verdict="unknown", causes=())
     assert surety(unknown).how == ("That the model is wrong: by rate, x at 3 mrad (p < 10⁻¹²).",)
 
@@ -270,7 +276,7 @@ def test_the_opening_shows_the_model_as_given_and_the_response_a_found_gain():
     response = bode_figure(found, axis(), 0)
     assert response is not None
     curves = [drawn(response.canvas, name)[1] for name in ("extended", "as given")]
-    sizes = [curve[: curve.size // 2] for curve in curves]  # magnitude first, then phase
+    sizes = [curve[: curve.size // 3] for curve in curves]  # magnitude, phase, ratio
     assert sizes[0] == pytest.approx(1.3 * sizes[1])
 
 
@@ -312,17 +318,17 @@ def test_a_page_says_where_the_noise_is_that_of_the_residual(tmp_path, period):
     data = dataclasses.replace(found.data, records=(dataclasses.replace(record, windows=windows),))
     gain = Gain(("uid#held-out",), 0.5, 0.1, 0.1, 0.8, (0.7, 0.9))
     page = write_page(dataclasses.replace(found, gain=gain, data=data), axis(), (), tmp_path)["index.html"].read_text()
-    assert "down to the noise" in page
-    assert ("estimated from this very residual: nothing repeats" in page) == (period == 0)
+    assert ("down to the noise" in page) == (period > 0)
+    assert ("estimated from this very residual" in page) == (period == 0)
 
 
 @pytest.mark.parametrize(
     ("verdict", "ci95", "shown", "missing"),
     [
-        ("ambiguous", (-0.1, 0.1), (), ("extended model:", "less error", "down to the noise")),
-        ("ambiguous", (0.7, 0.9), ("extended model:", "less error", "down to the noise"), ()),
-        ("unknown", (0.7, 0.9), ("the best that the library can do",), ("extended model:", "less error", "down to")),
-        ("named", (0.7, 0.9), ("extended model:", "less error", "down to the noise"), ("−435",)),
+        ("ambiguous", (-0.1, 0.1), (), ("extended model:", "less error", "noise not known")),
+        ("ambiguous", (0.7, 0.9), ("extended model:", "less error", "noise not known"), ()),
+        ("unknown", (0.7, 0.9), ("the best that the library can do",), ("extended model:", "less error", "noise")),
+        ("named", (0.7, 0.9), ("extended model:", "less error", "noise not known"), ("−435",)),
     ],
 )
 def test_the_tiles_say_what_the_headline_says(tmp_path, verdict, ci95, shown, missing):
@@ -348,7 +354,7 @@ def test_many_causes_of_one_kind_stand_in_one_table_and_those_that_no_number_sho
     part = part[: part.index("</section>")]
     assert part.count("<table>") == 1 and part.count("it softens") == 1 and part.count("mode 3") == 3
     assert "At mode 3 no number is three standard deviations from zero" in part
-    assert "slow-softening at 5 modes: each " in page
+    assert "Slow softening at 5 modes: each " in page
 
 
 def test_both_curves_of_the_evidence_are_in_one_noise(tmp_path):
