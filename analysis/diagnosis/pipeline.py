@@ -252,7 +252,6 @@ def diagnose(
     gain, linear = answer.gain, turned(setting.nominal, setting.nuisances, best.change)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in references)])
     causes = (*causes_of(found.best, judgement, model), *variance.named(judgement, model))
-    said = judgement.failed_check, short, unsteady, remark, choice.reason if choice else ""
     return Diagnosis(
         verdict=judgement.verdict,
         sentence=sentence(judgement.verdict, causes, judgement.tied, gain, shown, choice, judgement.remainder),
@@ -268,7 +267,7 @@ def diagnose(
         before=answer.before,
         after=answer.after,
         considered=considered_of(found, judgement),
-        notes=tuple(filter(None, dict.fromkeys((*said, *_doubts(found))))),
+        notes=_notes(found, judgement.failed_check, short, unsteady, remark, choice.reason if choice else ""),
         remainder=judgement.remainder,
         sensitivity=sensitivity_of(found, model),
         linear_std=deviations(linear, setting.nuisances, best.change_std * np.sqrt(judgement.inflation)),
@@ -360,6 +359,11 @@ def _noise_of_evidence(found: Found, data: Dataset, before: Sequence[Array], rem
     if found.setting.whitener.even:
         return whitener_from(data, list(before))
     return remaining if found.best.candidates else found.setting.whitener
+
+
+def _notes(found: Found, *said: str) -> tuple[str, ...]:
+    """Return what was said in the course of a diagnosis and the doubts of its end, each once."""
+    return tuple(filter(None, dict.fromkeys((*said, *_doubts(found)))))
 
 
 def _doubts(found: Found) -> list[str]:

@@ -22,7 +22,7 @@ DIGITS = 6
 Kind = Literal["line", "points", "bars"]
 
 Colour = Literal["", "ink", "quiet"]
-"""Colour of what is no model, on every page the same: ink is measured, quiet is noise. Others follow the order."""
+"""Colour of a curve that belongs to no model: ink where it was measured, quiet for noise. Others follow the order."""
 
 
 @dataclass(frozen=True)

@@ -231,7 +231,7 @@ def _improved(diagnosis: Diagnosis) -> bool:
 
 
 MUCH_BETTER = 0.99
-"""A reduction above it is told as a ratio: of 99.8 % and 99.9 % nobody sees that one is twice the other."""
+"""A reduction above it is stated as a ratio: of 99.8 % and 99.9 % nobody sees that one is twice the other."""
 
 
 def _better(gain: Gain | None) -> tuple[str, str]:

@@ -151,8 +151,8 @@ def _rival(diagnosis: Diagnosis) -> tuple[bool, str]:
     if not far:
         return False, f"{said}."
     return True, (
-        f"{said}, if the noise is as assumed. That tells the effects of the library apart; the {_stated(diagnosis)} "
-        "also counts causes that are not in the library."
+        f"{said}, if the noise is as assumed. That compares effects of the library; the {_stated(diagnosis)} also "
+        "allows for causes outside of it."
     )
 
 

@@ -1,4 +1,4 @@
-"""Effects and hypotheses in words: files and options have slugs, sentences and pages what an engineer says."""
+"""Effects and hypotheses in words: files and options have slugs, sentences and pages an engineer's words."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _WRITTEN = {
 
 
 def effect_text(name: str) -> str:
-    """Return an effect in words: cubic stiffness for `cubic-stiffness`; what is no slug stays."""
+    """Return an effect in words: cubic stiffness for `cubic-stiffness`; any other text stays."""
     if name in _WRITTEN:
         return _WRITTEN[name]
     return name.replace("-", " ") if _SLUG.fullmatch(name) else name
