@@ -288,7 +288,8 @@ def _bode_caption(what: str, models: Sequence[str]) -> str:
     return (
         f"Response of {what}: measured (averaged spectra of all records; frequencies where it is known to "
         f"{100.0 * KNOWN:.0f} % or better), the model as given{adjusted}{extended}. What depends on amplitude "
-        "shows here as a mean over what was played. Below: each divided by the model as given, where small differences are seen."
+        "shows here as a mean over what was played. Below: each divided by the model as given, where small differences "
+        "are seen."
     )
 
 

@@ -71,6 +71,11 @@ def _first_step(diagnosis: Diagnosis) -> str:
             "Nothing has to be done: use the model at the amplitudes, speeds and frequencies of these data. They say "
             "nothing of others."
         )
+    if diagnosis.verdict == "unknown" and not diagnosis.data.records:
+        return (
+            "No experiment is planned. Record the motion over time and diagnose the log: a response does not show "
+            "effects that are not linear."
+        )
     if diagnosis.verdict == "unknown":
         return (
             "No experiment is planned. Plans are compared by how well they distinguish effects, and no effect of the "
@@ -83,8 +88,8 @@ def _first_step(diagnosis: Diagnosis) -> str:
             "not share the bench's sensors may."
         )
     return (
-        "No experiment is planned, for nothing is tied. Test the name on a record of other amplitudes and speeds: "
-        "`mccd diagnose NEW.h5 --model extended.toml` ends *consistent* if the cause is right."
+        "No experiment is planned, for nothing is tied. Test the name on new data of other amplitudes and speeds: with "
+        "extended.toml as the model their verdict is “consistent” if the cause is right."
     )
 
 
