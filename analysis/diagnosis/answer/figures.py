@@ -19,9 +19,9 @@ from analysis.linear.predicted import Predictor, changes_the_response
 from analysis.pages.bode import bode_canvas, per, scale_axes
 from analysis.pages.canvas import COLOURS, INK, QUIET, Canvas, thinned
 from analysis.pages.quantities import chance, scaled
-from sim_backend.assembly import places_of
+from sim_backend.assembly import places_of, stated
 from sim_backend.axis_names import axis_text
-from sim_backend.effects.base import Site
+from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import DataError
 from sim_backend.linear import Array, ComplexArray
 from sim_backend.model import Model
@@ -311,15 +311,21 @@ def finer_ticks(axes: Axes) -> None:
 
 def _models(diagnosis: Diagnosis, model: Model, f: Array, output: int, j: int) -> list[tuple[str, str, ComplexArray]]:
     """Return name, colour and response (n,) of every model that is drawn: as given first."""
-    rate = diagnosis.data.rate_hz
-    linear = [e for e in diagnosis.effects if e.site is Site.MODEL or changes_the_response(type(e))]
-    extended = Predictor(places_of(model), f, rate).response(diagnosis.linear, linear)
-    shown = [("as given", GIVEN, diagnosis.nominal.frequency_response(f, rate)[:, output, j])]
+    predictor = Predictor(places_of(model), f, diagnosis.data.rate_hz)
+    # effects of the file that act on its linear part are in the fitted parts already
+    given = [e for e in stated(model.effects) if _linear(e)]
+    kept = [e for e in given if e.site is not Site.MODEL]
+    found = [e for e in diagnosis.effects if _linear(e)]
+    shown = [("as given", GIVEN, predictor.response(diagnosis.nominal, given))]
     if diagnosis.adjusted is not None:
-        shown.append(("adjusted", BEFORE, diagnosis.adjusted.frequency_response(f, rate)[:, output, j]))
+        shown.append(("adjusted", BEFORE, predictor.response(diagnosis.adjusted, kept)))
     if diagnosis.effects or diagnosis.adjusted is None:
-        shown.append(("extended", AFTER, extended[:, output, j]))
-    return shown
+        shown.append(("extended", AFTER, predictor.response(diagnosis.linear, [*kept, *found])))
+    return [(name, colour, response[:, output, j]) for name, colour, response in shown]
+
+
+def _linear(effect: Effect) -> bool:
+    return effect.site is Site.MODEL or changes_the_response(type(effect))
 
 
 def _measured(diagnosis: Diagnosis, output: int) -> tuple[FrequencyResponse, int, int] | None:

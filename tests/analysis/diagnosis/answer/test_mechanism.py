@@ -145,33 +145,6 @@ def test_what_a_quantity_explains_is_all_of_its_own_and_nothing_of_another():
     assert explained(np.zeros(100), x[:100]) == 0.0
 
 
-def test_the_response_is_that_of_the_transfer_function():
-    found, *_ = diagnosed("cubic-stiffness")
-    rng = np.random.default_rng(1)
-    u = rng.standard_normal(60_000)
-    y = answer(u) + NOISE_RAD * rng.standard_normal(u.size)
-    record = Record("uid", u[:, None], y[:, None], (Window("all", 0, u.size),))
-    found = dataclasses.replace(found, data=Dataset(RATE_HZ, (record,)))
-    figure = bode_figure(found, axis(), 0)
-    assert figure is not None
-    f, size, *_ = drawn(figure.canvas, "measured")
-    f, size = f[: f.size // 3], size[: size.size // 3]  # magnitude, phase, ratio
-    s = 2j * np.pi * f
-    square = (2.0 * np.pi * HZ) ** 2
-    closed = np.abs(square / (s**2 + 2.0 * DECAY * s + square))
-    low = (f > 1.0) & (f < 0.1 * RATE_HZ)  # where the hold changes the size by less than 2 %
-    assert low.sum() > 50
-    assert np.median(size[low] / closed[low]) == pytest.approx(1.0, rel=0.02)
-    assert size[low] == pytest.approx(closed[low], rel=0.15)
-
-
-def test_an_input_that_never_moves_gives_no_response():
-    found, *_ = diagnosed("cubic-stiffness")
-    record = found.data.records[0]
-    still = dataclasses.replace(record, u=np.zeros_like(record.u))
-    assert bode_figure(dataclasses.replace(found, data=Dataset(RATE_HZ, (still,))), axis(), 0) is None
-
-
 def test_the_opening_shows_held_out_rows_where_the_extended_model_gains_most():
     found, *_ = diagnosed("cubic-stiffness")
     figure = opening_figure(found.data, found.before, found.after, np.array([NOISE_RAD]), axis())
@@ -188,6 +161,20 @@ def test_the_opening_shows_held_out_rows_where_the_extended_model_gains_most():
     numbers = figure.canvas.numbers()
     above = numbers[(numbers.series == "adjusted") & (numbers.panel == "x")]
     assert above.y.to_numpy() == pytest.approx(simulated[np.round(above.x * RATE_HZ).astype(int)])
+
+
+def test_what_is_small_beside_the_error_before_has_a_panel_of_its_own():
+    found, *_ = diagnosed("cubic-stiffness")
+    rms = np.array([NOISE_RAD])
+    figure = opening_figure(found.data, found.before, tuple(0.001 * x for x in found.before), rms, axis())
+    assert figure is not None
+    numbers = figure.canvas.numbers()
+    panels = {panel: set(rows.series) for panel, rows in numbers.groupby("panel")}
+    assert panels["panel 2"] == {"as given", "adjusted"} and panels["panel 3"] == {"extended"}
+    largest = np.abs(numbers[numbers.panel == "panel 3"].y).max()
+    assert figure.canvas.axes[2].get_ylim()[1] < 2.0 * max(largest, 2.0 * 1e6 * NOISE_RAD)
+    figure = opening_figure(found.data, found.before, tuple(0.5 * x for x in found.before), rms, axis())
+    assert figure is not None and len(figure.canvas.axes) == 2
 
 
 def test_the_opening_shows_the_output_that_gains_whatever_another_misses():
