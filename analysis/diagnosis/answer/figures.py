@@ -275,7 +275,7 @@ def bode_figure(diagnosis: Diagnosis, model: Model, output: int) -> Drawn | None
     for axes in canvas.axes:
         finer_ticks(axes)
     canvas.axes[1].yaxis.set_major_locator(MultipleLocator(90.0))
-    canvas.legend_above(0)
+    canvas.legend_outside()
     caption = _bode_caption(f"{other} to the input {source.name}", [name for name, *_ in models])
     return Drawn("bode", canvas.title, caption, canvas)
 

@@ -81,21 +81,20 @@ def opening_figure(
     canvas = Canvas(f"Measured and simulated, {name}", "", rows=rows, size=(WIDE, 1.0 + 1.15 * rows), share_x=True)
     size, unit = scaled(float(np.max(np.abs(y))), port.unit)
     canvas.panel(0, name, "", f"position ({unit})" if port.unit in ("rad", "m") else f"output ({unit})")
-    canvas.line(0, "measured", *thinned(time_s, y * size, MOST_POINTS), color=MEASURED, linewidth=2.6)
+    canvas.line(0, "measured", *thinned(time_s, y * size, MOST_POINTS), color=MEASURED, linewidth=2.2)
     for label, left, colour in curves:
         canvas.line(0, label, *thinned(time_s, (y - left) * size, MOST_POINTS), color=colour, linewidth=1.0)
     _within(canvas.axes[0], (float(y.min()) - seen) * size, (float(y.max()) + seen) * size)
     parts = [(curves[:-1], most), (curves[-1:], least)] if apart else [(curves, most)]
     for i, (own, reach) in enumerate(parts, start=1):
         factor, small = scaled(reach, port.unit)
-        canvas.panel(i, "", "time in the segment (s)" if i == len(parts) else "", f"measured − simulated ({small})")
+        canvas.panel(i, "", "time in the segment (s)" if i == len(parts) else "", f"residual ({small})")
         for label, left, colour in own:
             canvas.line(i, label, *thinned(time_s, left * factor, MOST_POINTS), color=colour, linewidth=0.9)
         if i == len(parts):
             canvas.band(i, -two_sigma * factor, two_sigma * factor, "noise floor, ±2σ", NOISE)
         _within(canvas.axes[i], -1.1 * reach * factor, 1.1 * reach * factor)
-    for i in range(rows):
-        canvas.legend_above(i, 4)
+    canvas.legend_outside()
     unseen = ", which no fit has seen" if place.window.held_out else ""
     where = "the extended model gains most on the adjusted one" if found else "the adjusted model misses most"
     caption = (

@@ -316,7 +316,8 @@ def _by_effect(seen: Sequence[Visible]) -> dict[str, list[Visible]]:
     """Return the visible sizes by effect and the parameter that measures it."""
     out: dict[str, list[Visible]] = {}
     for one in seen:
-        out.setdefault(f"{effect_text(one.effect)}: {measure_text(one)}", []).append(one)
+        effect, measure = effect_text(one.effect), measure_text(one)
+        out.setdefault(effect if measure.endswith(effect) else f"{effect}: {measure}", []).append(one)
     return out
 
 
@@ -324,7 +325,7 @@ def _visible_size(one: Visible) -> str:
     """Return a size with its unit and as a part of what the record has of it; a part of a whole in percent."""
     if one.natural is None:
         return share(one.size) if one.unit == "1" else quantity(one.size, one.unit)
-    return f"{quantity(one.size, one.unit)} ({share(one.size / one.natural)})"
+    return f"{quantity(one.size, one.unit)} ({_unbroken(share(one.size / one.natural))})"
 
 
 def _trusted(tolerance: float | None) -> str:

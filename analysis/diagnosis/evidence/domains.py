@@ -286,7 +286,7 @@ def _direction(s: _Series) -> Domain:
     p = _both(_energy_test(square, count.astype(float), s.noise_rows), _mean_p(s, s.rate, found, s.noise_rows))
     k = int(np.argmax(square))
     what = (
-        f"{s.port.dof} moving {('down', 'up')[k]} (its mean is {means[1]:+.2g} times the noise moving up and "
+        f"{s.port.dof} moving {('down', 'up')[k]} (mean residual {means[1]:+.2g} times the noise moving up, "
         f"{means[0]:+.2g} times moving down)"
     )
     return _domain(s, found.centre, "sign of the rate", np.sqrt(square), p, what)

@@ -85,4 +85,4 @@ def _draw(canvas: Canvas, drawn: Responses, rows: np.ndarray) -> None:
     for axes in canvas.axes:
         finer_ticks(axes)
     canvas.axes[1].set_yticks(PHASES_DEG)
-    canvas.legend_above(0)
+    canvas.legend_outside()
