@@ -8,7 +8,7 @@ filter, so that they can be compared. Only the middle of a stretch is drawn, whi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -223,6 +223,10 @@ def explained(x: Array, force: Array) -> float:
 
 
 def _drawn(missing: _Missing, over: Quantity, part: float, effect: Effect, window: Window) -> Drawn:
+    acts = missing.label
+    if _looped(effect):
+        acts = f"{missing.label.partition(' ')[0]} less its linear part"
+        missing = _without_slope(missing, over)
     rows = _busiest(over.values, missing.modelled, looped=_looped(effect))
     x, size = over.values[rows], float(np.max(np.abs(over.values[rows])))
     factor, x_unit = scaled(size, over.unit)
@@ -230,7 +234,7 @@ def _drawn(missing: _Missing, over: Quantity, part: float, effect: Effect, windo
     scale, unit = scaled(float(np.max(np.abs(modelled))), missing.unit)
     every = -(-x.size // SHOWN_POINTS)
     canvas = Canvas(with_axes(f"{effect_text(effect.reported())} at {effect.where}"), "", size=SIZE)
-    canvas.panel(0, canvas.title, f"{over.label} ({x_unit})", f"{missing.label} ({unit})")
+    canvas.panel(0, canvas.title, f"{over.label} ({x_unit})", f"{acts} ({unit})")
     at = x[::every] * factor
     if over.kind in ("position", "command") and _looped(effect):
         canvas.line(0, "extended model", at, modelled[::every] * scale, color=AFTER, linewidth=1.2)
@@ -250,6 +254,17 @@ def _drawn(missing: _Missing, over: Quantity, part: float, effect: Effect, windo
         f"make it, where it stands above the noise, and the same of the extended model.{told}"
     )
     return Drawn("mechanism", canvas.title, caption, canvas)
+
+
+def _without_slope(missing: _Missing, over: Quantity) -> _Missing:
+    """Return measured and modelled force less what of the modelled one is in proportion to a quantity.
+
+    A spring that slips is a spring until it does, beside whose straight line its loops are too thin to be seen.
+    """
+    slope, offset = np.polyfit(over.values, missing.modelled, 1)
+    line = slope * over.values + offset
+    label = f"{missing.label}, less its part in proportion to the {over.kind}"
+    return replace(missing, measured=missing.measured - line, modelled=missing.modelled - line, label=label)
 
 
 def _looped(effect: Effect) -> bool:

@@ -67,10 +67,7 @@ def _first_step(diagnosis: Diagnosis) -> str:
             f"{' from '.join(map(hypothesis_text, plan.separates))}."
         )
     if diagnosis.verdict == "consistent":
-        return (
-            "Nothing has to be done: use the model at the amplitudes, speeds and frequencies of these data. They say "
-            "nothing of others."
-        )
+        return "Use the model at the amplitudes, speeds and frequencies of these data; they say nothing of others."
     if diagnosis.verdict == "unknown" and not diagnosis.data.records:
         return (
             "No experiment is planned. Record the motion over time and diagnose the log: a response does not show "

@@ -363,3 +363,32 @@ def test_a_curve_that_is_worse_beside_the_extension_is_within_the_axis():
         {"direction": (curve,)}, {"direction": (dataclasses.replace(curve, level=3.0 * curve.level),)}, axis()
     )
     assert figure.canvas.axes[0].get_ylim()[1] > 3.0 * np.max(curve.level)
+
+
+def test_a_loop_is_drawn_without_the_spring_that_it_is_beside():
+    """A spring that slips: its straight line would hide the loops, which are drawn for two swings."""
+    found, force, x = diagnosed("cubic-stiffness")
+    play = 0.1 * np.max(np.abs(x))
+    held = np.zeros_like(x)
+    for k in range(1, x.size):
+        held[k] = np.clip(held[k - 1], x[k] - play, x[k] + play)
+    loop = 0.2 * (x - held)  # a spring beside what stays behind at each reversal
+    y = answer(found.data.records[0].u[:, 0] - loop)
+    noise = NOISE_RAD * np.random.default_rng(2).standard_normal(x.size)
+    record = dataclasses.replace(found.data.records[0], y=(y + noise)[:, None])
+    effect = make_effect("hysteresis", "x", {"stiffness_1": 0.2, "reach": play})
+    named = Cause("hysteresis", "x", 0.97, {}, "why")
+    found = dataclasses.replace(
+        found,
+        data=Dataset(RATE_HZ, (record,)),
+        causes=(named,),
+        effects=(effect,),
+        before=((y + noise - answer(record.u[:, 0]))[:, None],),
+        after=(noise[:, None],),
+    )
+    figure = mechanism_figure(found, axis(), white())
+    assert figure is not None
+    at, force, _, what = drawn(figure.canvas, "extended model")
+    assert what.startswith("torque less its linear part")
+    assert abs(np.corrcoef(at, force)[0, 1]) < 0.5
+    assert "in proportion to the position" in figure.caption

@@ -241,11 +241,11 @@ def test_every_verdict_has_a_page(diagnosis, oscillator, tmp_path, verdict):
     )
     page = write_page(bare, oscillator, (), tmp_path)["index.html"].read_text(encoding="utf-8")
     assert f'<span class="verdict {verdict}">' in page
-    # what to do next is told with every verdict, that nothing has to be done as well
+    # what to do next is told with every verdict, also that the model can be used
     steps = page[page.index("What to do next") :]
     assert ("No experiment is planned" in steps) == (verdict == "unknown")
     assert ("No plan of the bench is known" in steps) == (verdict == "ambiguous")
-    assert ("Nothing has to be done" in steps) == (verdict == "consistent")
+    assert ("Use the model at" in steps) == (verdict == "consistent")
     assert ("follows tells what causes it" in page) == (verdict == "unknown")
 
 
