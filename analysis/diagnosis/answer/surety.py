@@ -84,6 +84,11 @@ def _first_step(diagnosis: Diagnosis) -> str:
             "No plan of the bench is known to distinguish what is tied; the remarks say why. An instrument that does "
             "not share the bench's sensors may."
         )
+    if diagnosis.remainder is not None:
+        return (
+            "No experiment is planned, for nothing is tied. To see what the unexplained part is, record other amplitudes "
+            "and speeds and diagnose them with extended.toml as the model."
+        )
     return (
         "No experiment is planned, for nothing is tied. Test the name on new data of other amplitudes and speeds: with "
         "extended.toml as the model their verdict is “consistent” if the cause is right."
