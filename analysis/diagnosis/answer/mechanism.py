@@ -101,7 +101,10 @@ def _shown_effect(diagnosis: Diagnosis) -> Effect | None:
 
 
 def _place(diagnosis: Diagnosis, model: Model, effect: Effect) -> tuple[int, Window, int, int | None] | None:
-    """Return record, window, output and input (None: no force) in which an effect is largest, held out if there are."""
+    """Return record, window, output and input (None: no force) in which an effect is largest, held out if there are.
+
+    None for a force that moves no output alone: what several inputs do to one output does not show its law.
+    """
     target = effect.where.rpartition("->")[2]
     outputs, inputs = [p.dof for p in model.outputs], [p.dof for p in model.inputs]
     changed = [b - a for b, a in zip(diagnosis.before, diagnosis.after, strict=True)]
@@ -111,8 +114,11 @@ def _place(diagnosis: Diagnosis, model: Model, effect: Effect) -> tuple[int, Win
     size = np.array([np.sum(changed[i][w.start : w.stop] ** 2, axis=0) for i, w in windows])
     o = outputs.index(target) if target in outputs else int(np.argmax(size.max(axis=0)))
     i, window = windows[int(np.argmax(size[:, o]))]
-    force = effect.site not in (Site.HEAD, Site.READING, Site.RECORD) and outputs[o] in inputs
-    return i, window, o, inputs.index(outputs[o]) if force else None
+    if effect.site in (Site.HEAD, Site.READING, Site.RECORD):
+        return i, window, o, None
+    if outputs[o] in inputs:
+        return i, window, o, inputs.index(outputs[o])
+    return (i, window, o, 0) if inputs == [target] else None
 
 
 def _missing(

@@ -86,8 +86,8 @@ def _first_step(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.remainder is not None:
         return (
-            "No experiment is planned, for nothing is tied. To see what the unexplained part is, record other amplitudes "
-            "and speeds and diagnose them with extended.toml as the model."
+            "No experiment is planned, for nothing is tied. To see what the unexplained part is, record other "
+            "amplitudes and speeds and diagnose them with extended.toml as the model."
         )
     return (
         "No experiment is planned, for nothing is tied. Test the name on new data of other amplitudes and speeds: with "
