@@ -54,9 +54,8 @@ def changes(nominal: Model, extended: Model, adjusted: Model | None = None) -> l
         was, between = before.get(key), middle.get(key)
         values = [number(n.value) for n in (one, between) if n is not None]
         if was is None or any(number(was.value) != value for value in values):
-            rows.append(
-                _change(one.place, one.what, was and was.stated, one.stated, one.unit, between and between.stated)
-            )
+            given, fitted = (None if n is None else n.stated for n in (was, between))
+            rows.append(_change(one.place, one.what, given, one.stated, one.unit, fitted))
     gone = [entry for entry in nominal.effects if entry not in extended.effects]
     for entry in extended.effects:
         if entry in nominal.effects:
