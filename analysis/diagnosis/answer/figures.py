@@ -48,8 +48,8 @@ SIZE = (3.2, 2.4)
 WIDE = 3.7
 """Width of a figure that has half of a desk; on a telephone a point of it is 1.3 pixels."""
 
-_FEW_DECADES = 2.5
-"""A logarithmic axis that is no longer has its numbers at 1, 2 and 5."""
+_FEW_DECADES = (3.0, 1.5)
+"""Logarithmic axes of x and of y up to so many decades have their numbers at 1, 2 and 5."""
 
 _EVEN_RATIO = 3.0
 """Ratios that differ by less are drawn on a linear axis."""
@@ -303,9 +303,9 @@ def finer_ticks(axes: Axes) -> None:
     """Number the logarithmic axes of `axes`, once everything is drawn, at 1, 2 and 5 where they are short."""
     from matplotlib.ticker import LogLocator  # see `analysis.pages.canvas`
 
-    for axis in (axes.xaxis, axes.yaxis):
+    for axis, most in zip((axes.xaxis, axes.yaxis), _FEW_DECADES, strict=True):
         low, high = axis.get_view_interval()
-        if axis.get_scale() == "log" and high < low * 10.0**_FEW_DECADES:
+        if axis.get_scale() == "log" and high < low * 10.0**most:
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
 
 

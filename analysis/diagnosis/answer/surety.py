@@ -79,6 +79,11 @@ def _first_step(diagnosis: Diagnosis) -> str:
             "library explains this residual. Record the same motion at other amplitudes, speeds and temperatures, one "
             "of them changed at a time: what the residual follows tells what causes it."
         )
+    if diagnosis.verdict == "ambiguous" and not diagnosis.data.records:
+        return (
+            "No experiment is planned from a response. An instrument that does not share the bench's sensors may "
+            "distinguish what is tied."
+        )
     if diagnosis.verdict == "ambiguous":
         return (
             "No plan of the bench is known to distinguish what is tied; the remarks say why. An instrument that does "
