@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from analysis.challenge.intervals import share_interval
 from analysis.challenge.judge import Judged
+from analysis.diagnosis.tails import share_interval
 
 EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.999, 1.0)
 """Ends of the bins of stated probabilities; the last one holds 1."""

@@ -1,4 +1,4 @@
-"""Intervals of 95 %: of shares and quantiles exactly, of medians by resampling; and where half is detected."""
+"""Intervals of 95 %: of quantiles exactly, of medians by resampling; and where half is detected."""
 
 from __future__ import annotations
 
@@ -12,19 +12,6 @@ Array = NDArray[np.float64]
 
 LEVEL = 0.95
 _RESAMPLES = 2000
-
-
-def share_interval(hits: int, n: int) -> tuple[float, float]:
-    """Return the exact interval of a share of `hits` in `n`; (0, 1) when there is nothing to count.
-
-    Source: C. J. Clopper and E. S. Pearson, Biometrika 26 (1934).
-    """
-    if n == 0:
-        return 0.0, 1.0
-    tail = (1.0 - LEVEL) / 2.0
-    low = float(scipy.stats.beta.ppf(tail, hits, n - hits + 1)) if hits else 0.0
-    high = float(scipy.stats.beta.isf(tail, hits + 1, n - hits)) if hits < n else 1.0
-    return low, high
 
 
 def quantile_interval(values: Sequence[float], part: float) -> tuple[float, float] | None:

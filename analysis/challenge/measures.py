@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.challenge.intervals import bootstrap_interval, quantile_interval, share_interval
+from analysis.challenge.intervals import bootstrap_interval, quantile_interval
+from analysis.diagnosis.tails import share_interval
 
 Array = NDArray[np.float64]
 

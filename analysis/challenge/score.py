@@ -12,12 +12,13 @@ import numpy as np
 
 from analysis.challenge.breakdown import Bin, Group, laws, reliability, traits
 from analysis.challenge.families import slugs
-from analysis.challenge.intervals import half_points, share_interval
+from analysis.challenge.intervals import half_points
 from analysis.challenge.judge import Judged, judge
 from analysis.challenge.measures import BINS, REPORTED, Measure, calibration, largest, median, quantile, share
 from analysis.challenge.rows import SCHEMA, row_of
 from analysis.challenge.run import cases_of, tools, was_run
 from analysis.challenge.truth import reveal, sealed
+from analysis.diagnosis.tails import share_interval
 from sim_backend.errors import ConfigError
 
 CHI2_MEDIAN = 0.4549364231195724

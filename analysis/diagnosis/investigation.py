@@ -242,7 +242,7 @@ def _judged(
                 write_files(diagnosis, quest.model, loaded.sources, folder, chops)
         finally:  # once: drawing takes as long as judging
             write_page(diagnosis, quest.model, loaded.sources, folder, chops)
-        found = document(diagnosis, loaded.sources, chops)
+        found = document(diagnosis, quest.model, loaded.sources, chops)
     return replace(
         entry,
         verdict=found["verdict"],

@@ -37,6 +37,7 @@ from analysis.diagnosis.variance.causes import VarianceEffects, variance_effects
 from analysis.diagnosis.variance.lines import without_lines, without_lines_of
 from analysis.diagnosis.variance.quantisation import lattices_of
 from analysis.diagnosis.verdict.causes import causes_of
+from analysis.diagnosis.verdict.considered import considered_of
 from analysis.diagnosis.verdict.drifting import drifts
 from analysis.diagnosis.verdict.generic_alternative import generic_alternatives
 from analysis.diagnosis.verdict.held_out import beside_doubts, follows_play, loses, validated
@@ -251,7 +252,6 @@ def diagnose(
     gain, linear = answer.gain, turned(setting.nominal, setting.nuisances, best.change)
     choice = choose(found, judgement, model, bench, [*done, *(one.plan for one in references)])
     causes = (*causes_of(found.best, judgement, model), *variance.named(judgement, model))
-    said = judgement.failed_check, short, unsteady, remark, choice.reason if choice else ""
     return Diagnosis(
         verdict=judgement.verdict,
         sentence=sentence(judgement.verdict, causes, judgement.tied, gain, shown, choice, judgement.remainder),
@@ -266,13 +266,15 @@ def diagnose(
         effects=(*best.effects, *variance.effects),
         before=answer.before,
         after=answer.after,
-        considered=judgement.rivals,
-        notes=tuple(filter(None, dict.fromkeys((*said, *_doubts(found))))),
+        considered=considered_of(found, judgement),
+        notes=_notes(found, judgement.failed_check, short, unsteady, remark, choice.reason if choice else ""),
         remainder=judgement.remainder,
         sensitivity=sensitivity_of(found, model),
         linear_std=deviations(linear, setting.nuisances, best.change_std * np.sqrt(judgement.inflation)),
         zeros=_zeros(setting, best),
         even=setting.whitener.even > 0.0,
+        adjusted=turned(setting.nominal, setting.nuisances, tuned.change),
+        tolerance=None if fitted_to(model, [record.name for record in data.records]) else options.tolerance,
     )
 
 
@@ -359,6 +361,11 @@ def _noise_of_evidence(found: Found, data: Dataset, before: Sequence[Array], rem
     return remaining if found.best.candidates else found.setting.whitener
 
 
+def _notes(found: Found, *said: str) -> tuple[str, ...]:
+    """Return what was said in the course of a diagnosis and the doubts of its end, each once."""
+    return tuple(filter(None, dict.fromkeys((*said, *_doubts(found)))))
+
+
 def _doubts(found: Found) -> list[str]:
     """Return what a reader has to know about the noise and about the residual."""
     whitener = found.setting.whitener
@@ -368,5 +375,5 @@ def _doubts(found: Found) -> list[str]:
         return []
     return [
         "nothing repeats in these records, so the noise is estimated from the residual: slow forces and slow "
-        "noise look alike, and an error of the model may be taken as noise; play every excitation at least twice"
+        "noise look alike, and an error of the model may be taken as noise"
     ]

@@ -8,13 +8,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.diagnosis.calibration import calibrated
+from analysis.diagnosis.calibration import BlindNames, calibrated, counted
 from analysis.diagnosis.records.dataset import Dataset
 from sim_backend.effects.base import Effect
 from sim_backend.linear import Array, ModalModel
 
 Verdict = Literal["consistent", "named", "ambiguous", "unknown"]
 
+
+NOTHING_ADDED = "none"
+"""The hypothesis that the model lacks nothing."""
 
 SELDOM = 0.005
 """How often the error on other held-out samples of the same kind would be smaller than the least that is stated."""
@@ -46,6 +49,11 @@ class Cause:
     def probability(self) -> float:
         """The calibrated probability that the name is right, below one."""
         return calibrated(self.posterior)
+
+    @property
+    def blind(self) -> BlindNames | None:
+        """The names in blind cases that the probability is counted in; None where it is the posterior."""
+        return counted(self.posterior)
 
 
 @dataclass(frozen=True)
@@ -82,7 +90,8 @@ class Remainder:
 class Visible:
     """Smallest size at which these data would have shown an effect at a location in half of all cases.
 
-    The size is the `parameter` by itself, all others of the effect at zero, its shapes where they show best.
+    The size is the `parameter` by itself, all others of the effect at zero, its shapes where they show best. `natural`
+    is the size of such a parameter by the record alone (see `Scales`), in the same unit; None where it has no unit.
     """
 
     effect: str
@@ -90,6 +99,7 @@ class Visible:
     parameter: str
     size: float
     unit: str
+    natural: float | None = None
 
 
 @dataclass(frozen=True)
@@ -179,9 +189,12 @@ class Diagnosis:
 
     `before` and `after` hold each record's residuals (n, n_y) under the tuned nominal and under the extended model;
     `nominal` is the model given, `linear` the adjusted one that goes with `effects`; `considered` lists rival
-    hypotheses with their evidence relative to the best (natural logarithm), best first. `linear_std` holds the standard
-    deviations of the adjusted numbers in the shapes of `linear` (a ModalModel used as a container), where known.
-    `sensitivity` lists every effect that may be added to those found; empty where the error is not weighed by noise.
+    hypotheses, `NOTHING_ADDED` among them, with their evidence relative to the best (natural logarithm), best first.
+    `linear_std` holds the standard deviations of the adjusted numbers in the shapes of `linear` (a ModalModel used as a
+    container), where known. `sensitivity` lists every effect that may be added to those found; empty where the error is
+    not weighed by noise. `adjusted` is the model given with its own numbers fitted and nothing added, None where it is
+    not known; they are trusted to `tolerance`, a relative standard deviation of each, None where they were fitted to
+    these very runs and are adjusted freely.
     `zeros` states how far each output's zero, fitted to the same runs, is off, with its standard deviation. Where the
     model is wrong by many times the noise, every sample counts alike (`even`), and the noise that `evidence` is in
     units of is estimated from `before`; elsewhere from `after`.
@@ -207,3 +220,5 @@ class Diagnosis:
     sensitivity: tuple[Visible, ...] = ()
     zeros: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     even: bool = False
+    adjusted: ModalModel | None = None
+    tolerance: float | None = None

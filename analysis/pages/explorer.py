@@ -21,10 +21,13 @@ DIGITS = 6
 
 Kind = Literal["line", "points", "bars"]
 
+Colour = Literal["", "ink", "quiet"]
+"""Colour of a curve that belongs to no model: ink where it was measured, quiet for noise. Others follow the order."""
+
 
 @dataclass(frozen=True)
 class Series:
-    """One named curve, its x rising for a line; colour and dash follow from its order in the panel.
+    """One named curve, its x rising for a line; colour and dash follow from its order unless it has a `colour`.
 
     A line has a gap where y is NaN.
     """
@@ -33,22 +36,28 @@ class Series:
     x: Array
     y: Array
     kind: Kind = "line"
+    colour: Colour = ""
 
     @classmethod
-    def of(cls, name: str, x: ArrayLike, y: ArrayLike, kind: Kind = "line", most: int = POINTS) -> Self:
+    def of(
+        cls, name: str, x: ArrayLike, y: ArrayLike, kind: Kind = "line", most: int = POINTS, colour: Colour = ""
+    ) -> Self:
         """Return the series of arrays (n,), thinned to `most` points; what is not finite is left out."""
         xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         known = np.isfinite(xs) & np.isfinite(ys)
-        return cls(name, *thinned(xs[known], ys[known], most), kind)
+        return cls(name, *thinned(xs[known], ys[known], most), kind, colour)
 
     def as_json(self) -> dict[str, Any]:
         """Return the series as the page's script reads it."""
-        return {"name": self.name, "kind": self.kind, "x": _rounded(self.x), "y": _rounded(self.y)}
+        drawn = {"name": self.name, "kind": self.kind, "x": _rounded(self.x), "y": _rounded(self.y)}
+        return {**drawn, "colour": self.colour} if self.colour else drawn
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes; `band` is the allowed range of y, `y_range` what is shown at first (default: all).
+    """One pair of axes; `band` is the allowed range of y, or another in a `band_colour`.
+
+    `y_range` is what is shown at first (default: all).
 
     With `names`, x counts them: 0 is the first.
     """
@@ -61,6 +70,7 @@ class Panel:
     y_range: tuple[float, float] | None = None
     log_y: bool = False
     names: tuple[str, ...] | None = None
+    band_colour: Colour = ""
 
     def as_json(self) -> dict[str, Any]:
         """Return the panel as the page's script reads it."""
@@ -71,6 +81,7 @@ class Panel:
             "log_y": self.log_y,
             "names": self.names,
             "band": self.band,
+            **({"band_colour": self.band_colour} if self.band_colour else {}),
             "range": self.y_range,
             "series": [one.as_json() for one in self.series],
         }

@@ -183,7 +183,7 @@ def _of_logs(
     finally:  # once: drawing takes as long as judging
         drawn = _page(found, model, loaded.sources, folder, chops) if page else {}
     files = drawn | files
-    content = document(found, loaded.sources, chops)
+    content = document(found, model, loaded.sources, chops)
     emit(content, as_json=as_json, text=_text(content, files), colours=VERDICTS)
     return content
 
@@ -255,7 +255,7 @@ def _of_table(
         )
     pages = write_response_page(found, drawn, model, sources, folder) if page else {}
     files = pages | write_files(found, model, sources, folder)
-    content = document(found, sources)
+    content = document(found, model, sources)
     emit(content, as_json=as_json, text=_text(content, files), colours=VERDICTS)
     return content
 
@@ -299,6 +299,7 @@ def _text(found: dict[str, Any], files: dict[str, Path]) -> str:
         parts.append(table(causes, heads=("cause", "where", "probability", "parameters")))
     parts += ["tied: " + " or ".join(tied) for tied in found["ambiguous"]]
     parts += map(without_exponents, found["notes"])
+    parts += [f"next: {step}" for step in found["next_steps"]]
     named = ("index.html", "diagnosis.json", "extended.toml")
     parts.append(", ".join(str(files[name]) for name in named if name in files))
     return "\n\n".join(parts)

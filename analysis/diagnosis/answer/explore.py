@@ -129,7 +129,7 @@ def evidence_explorer(
     return Explorer(
         "evidence",
         "The evidence of any run",
-        f"The residual in units of the noise, 1 being the floor; the strongest evidence comes first.{rest}",
+        f"The residual in units of the noise, whose floor is 1; the strongest evidence comes first.{rest}",
         {
             "run": tuple(shown),
             "output": tuple(dict.fromkeys(chosen[1] for chosen in views)),
@@ -198,7 +198,7 @@ def _sizes(pair: Mapping[str, Array], noise: float, factor: float, unit: str) ->
     for name, x in pair.items():
         rms = float(np.sqrt(np.mean(x**2)))
         rows.append((name, (rms * factor, float(np.max(np.abs(x))) * factor, rms / noise if noise > 0.0 else None)))
-    rows.append(("noise", (noise * factor, None, 1.0)))
+    rows.append(("noise floor", (noise * factor, None, 1.0)))
     return Facts(("model", f"rms ({unit})", f"largest ({unit})", "rms ÷ noise"), tuple(rows))
 
 
@@ -206,13 +206,13 @@ def _in_time(
     pair: Mapping[str, Array], y: Array, rate_hz: float, reach: float, port: Port, factor: float, unit: str, most: int
 ) -> tuple[Panel, ...]:
     time_s = np.arange(y.size) / rate_hz
-    band = (-reach * factor, reach * factor, "noise, ±2σ")
+    band = (-reach * factor, reach * factor, "noise floor, ±2σ")
     size, output_unit = scaled(float(np.max(np.abs(y))), port.unit)
     x = "time in the segment (s)"
     series = tuple(Series.of(name, time_s, e * factor, most=most) for name, e in pair.items())
-    measured = Series.of("measured", time_s, y * size, most=most)
+    measured = Series.of("measured", time_s, y * size, most=most, colour="ink")
     return (
-        Panel(x, f"measured − simulated ({unit})", series, band=band),
+        Panel(x, f"measured − simulated ({unit})", series, band=band, band_colour="quiet"),
         Panel(x, f"{axis_text(port.dof)}, measured ({output_unit})", (measured,)),
     )
 
@@ -220,12 +220,12 @@ def _in_time(
 def _in_frequency(
     pair: Mapping[str, Array], noise: tuple[Array, Array], rate_hz: float, factor: float, unit: str
 ) -> Panel:
-    curves = {name: density(e, rate_hz) for name, e in pair.items()} | {"noise": noise}
+    curves = {name: density(e, rate_hz) for name, e in pair.items()} | {"noise floor": noise}
     lowest = float(curves["adjusted"][0][0])
     series = []
     for name, (f, level) in curves.items():
         seen = (level > 0.0) & (f >= lowest)
-        series.append(Series.of(name, f[seen], level[seen] * factor))
+        series.append(Series.of(name, f[seen], level[seen] * factor, colour="quiet" if name == "noise floor" else ""))
     return Panel("frequency (Hz)", f"residual ({unit}/√Hz)", tuple(series), log_x=True, log_y=True)
 
 
@@ -245,7 +245,7 @@ def _by_domain(name: str, first: Domain, second: Domain | None, model: Model) ->
     ends = (
         np.array([-0.5, first.axis.size - 0.5]) if bars else series[0].x[[0, -1]] if series[0].x.size else np.zeros(2)
     )
-    series.append(Series.of("noise", ends, np.full(2, float(np.mean(first.floor)))))
+    series.append(Series.of("noise floor", ends, np.full(2, float(np.mean(first.floor))), colour="quiet"))
     panel = Panel(
         f"{QUANTITIES[name]}{f' ({unit})' if unit else ''}",
         level_label(name),
@@ -268,5 +268,5 @@ def _remark(shown: int, of: int) -> str:
     which = "" if shown == of else f" The {shown} of {of} segments are listed where it misses most."
     return (
         "“Adjusted” is the given model with its own numbers fitted; the segment where it misses most comes first."
-        f"{which} Shaded: the noise, ±2σ."
+        f"{which} Shaded: the noise floor, ±2σ."
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,9 @@ from analysis.linear.predicted import Predictor, changes_the_response
 from analysis.pages.bode import bode_canvas, per, scale_axes
 from analysis.pages.canvas import COLOURS, INK, QUIET, Canvas, thinned
 from analysis.pages.quantities import chance, scaled
-from sim_backend.assembly import places_of
+from sim_backend.assembly import places_of, stated
 from sim_backend.axis_names import axis_text
-from sim_backend.effects.base import Site
+from sim_backend.effects.base import Effect, Site
 from sim_backend.errors import DataError
 from sim_backend.linear import Array, ComplexArray
 from sim_backend.model import Model
@@ -33,14 +33,26 @@ if TYPE_CHECKING:
 BEFORE, AFTER, GIVEN = COLOURS[:3]
 """The adjusted and the extended model as in the interactive plots, whose colours follow the order, and the given."""
 
+MEASURED, NOISE = INK, QUIET
+"""What was measured, and the noise: in every figure of the page the same."""
+
+DOTS: dict[str, Any] = {"color": MEASURED, "marker": ".", "markersize": 2.5}
+"""How a measured response is drawn."""
+
 MOST_POINTS = 1500
 """Longest curve of a figure: each stretch of a longer one is drawn with its least and its greatest value."""
 
-SIZE = (4.4, 2.7)
-"""Small enough to be read on a telephone, two beside each other on a desk."""
+SIZE = (3.2, 2.4)
+"""Three beside each other on a desk, where a point is 1.4 pixels; on a telephone it is 1.5."""
 
-TALL = (4.8, 3.9)
-"""Of a figure with two panels."""
+WIDE = 3.7
+"""Width of a figure that has half of a desk; on a telephone a point of it is 1.3 pixels."""
+
+_FEW_DECADES = (3.0, 1.5)
+"""Logarithmic axes of x and of y up to so many decades have their numbers at 1, 2 and 5."""
+
+_EVEN_RATIO = 3.0
+"""Ratios that differ by less are drawn on a linear axis."""
 
 STEEP = 20.0
 
@@ -58,6 +70,9 @@ QUANTITIES = {
 
 SWINGS = 8
 """Swings of the measured output that are drawn: more would overlap."""
+
+SCALED_APART = 10.0
+"""A curve so many times smaller than the one beside it has a panel of its own, in which it can be seen."""
 
 PIECES = 5
 """Half-overlapping segments of the longest record: more of them lower the noise and coarsen the frequency bins."""
@@ -110,7 +125,7 @@ def residual_figures(
         canvas.line(0, "adjusted", *thinned(time_s, old * factor, MOST_POINTS), color=BEFORE, linewidth=0.9)
         canvas.line(0, "extended", *thinned(time_s, new * factor, MOST_POINTS), color=AFTER, linewidth=0.9)
         two_sigma = 2.0 * float(noise_rms[o]) * factor
-        canvas.band(0, -two_sigma, two_sigma, "noise, ±2σ")
+        canvas.band(0, -two_sigma, two_sigma, "noise floor, ±2σ")
         canvas.legend_above(0)
         held = ", which no fit has seen" if w.held_out else ""
         step = -(-2 * time_s.size // MOST_POINTS) if time_s.size > MOST_POINTS else 1
@@ -172,6 +187,7 @@ def _drawn(name: str, first: Domain, second: Domain | None, model: Model) -> Can
         _as_curves(canvas, first, second, factor)
         if name == "frequency":
             canvas.axes[0].set_xscale("log")
+            finer_ticks(canvas.axes[0])
     _floor(canvas, first, second)
     canvas.legend_above(0)
     return canvas
@@ -204,7 +220,7 @@ def _floor(canvas: Canvas, first: Domain, second: Domain | None) -> None:
         axes.set_ylim(bottom=0.4 * level)
     else:
         axes.set_ylim(0.0, 1.15 * max(top, 1.3 * level))
-    axes.axhline(level, color=QUIET, linewidth=1.0, linestyle=(0, (4, 3)), label="noise")
+    axes.axhline(level, color=NOISE, linewidth=1.0, linestyle=(0, (4, 3)), label="noise floor")
 
 
 def swing_rows(y: Array) -> int:
@@ -217,7 +233,7 @@ def swing_rows(y: Array) -> int:
 
 
 def bode_figure(diagnosis: Diagnosis, model: Model, output: int) -> Drawn | None:
-    """Return magnitude and phase of the response of `output` to the input that drives it most.
+    """Return the response of `output` to the input that drives it most: magnitude, phase, and magnitude ÷ as given.
 
     None where the records determine no linear response: the inputs never move independently, or too few frequency bins
     are above the noise.
@@ -236,38 +252,80 @@ def bode_figure(diagnosis: Diagnosis, model: Model, output: int) -> Drawn | None
     source, target = model.inputs[j], model.outputs[output]
     one, other = axis_text(source.dof), axis_text(target.dof)
     title = other if one == other else f"{one} → {other}"
-    canvas = bode_canvas(f"Frequency response {title}", title, per(target.unit, source.unit), TALL)
+    unit = per(target.unit, source.unit)
+    canvas = bode_canvas(f"Frequency response {title}", title, unit, (WIDE, 4.6), rows=3)
+    canvas.panel(2, "", "frequency (Hz)", "magnitude ÷ as given")
     curve_f = np.geomspace(f[good[0]], f[good[-1]], CURVE_POINTS)
     models = _models(diagnosis, model, curve_f, output, j)
     # of all whole turns the one nearest to the given model, which has no gaps between its frequencies
     near = np.interp(f[good], curve_f, _degrees(models[0][2]))
-    dots = {"color": INK, "marker": ".", "markersize": 2.5}
-    canvas.points(0, "measured", f[good], np.abs(g[good]), **dots)
+    canvas.points(0, "measured", f[good], np.abs(g[good]), **DOTS)
     turned = near + np.degrees(np.angle(g[good] * np.exp(-1j * np.radians(near))))
-    canvas.points(1, "measured", f[good], turned, **dots)
+    canvas.points(1, "measured", f[good], turned, **DOTS)
+    (_, _, given), *_ = _models(diagnosis, model, f[good], output, j)
+    ratios = [np.abs(g[good]) / np.maximum(np.abs(given), 1e-300)]
+    canvas.points(2, "measured", f[good], ratios[0], **DOTS)
     for name, colour, values in models:
         canvas.line(0, name, curve_f, np.abs(values), color=colour, linewidth=1.1)
         canvas.line(1, name, curve_f, _degrees(values), color=colour, linewidth=1.1)
+        ratios.append(np.abs(values) / np.maximum(np.abs(models[0][2]), 1e-300))
+        canvas.line(2, name, curve_f, ratios[-1], color=colour, linewidth=1.1)
     scale_axes(canvas)
+    _scale_ratio(canvas.axes[2], np.concatenate(ratios))
+    for axes in canvas.axes:
+        finer_ticks(axes)
     canvas.axes[1].yaxis.set_major_locator(MultipleLocator(90.0))
-    canvas.legend_above(0)
-    caption = (
-        f"Response of {other} to the input {source.name}: measured (averaged spectra of all records; frequencies "
-        f"where it is known to {100.0 * KNOWN:.0f} % or better), the model as given, and the linear part of the "
-        "extended one, found gains and delays included. What depends on amplitude shows here as a mean over what was "
-        "played."
-    )
+    canvas.legend_outside()
+    caption = _bode_caption(f"{other} to the input {source.name}", [name for name, *_ in models])
     return Drawn("bode", canvas.title, caption, canvas)
 
 
+def _bode_caption(what: str, models: Sequence[str]) -> str:
+    adjusted = " and with its own numbers adjusted" if "adjusted" in models else ""
+    extended = (
+        ", and the linear part of the extended one, found gains and delays included" if "extended" in models else ""
+    )
+    return (
+        f"Response of {what}: measured (averaged spectra of all records; frequencies where it is known to "
+        f"{100.0 * KNOWN:.0f} % or better), the model as given{adjusted}{extended}. What depends on amplitude "
+        "shows here as a mean over what was played. Below: each divided by the model as given, where small differences "
+        "are seen."
+    )
+
+
+def _scale_ratio(axes: Axes, ratios: Array) -> None:
+    """Draw ratios near one on a linear axis, others on a logarithmic one."""
+    known = ratios[np.isfinite(ratios) & (ratios > 0.0)]
+    axes.set_yscale("linear" if known.max() < _EVEN_RATIO * known.min() else "log")
+
+
+def finer_ticks(axes: Axes) -> None:
+    """Number the logarithmic axes of `axes`, once everything is drawn, at 1, 2 and 5 where they are short."""
+    from matplotlib.ticker import LogLocator  # see `analysis.pages.canvas`
+
+    for axis, most in zip((axes.xaxis, axes.yaxis), _FEW_DECADES, strict=True):
+        low, high = axis.get_view_interval()
+        if axis.get_scale() == "log" and high < low * 10.0**most:
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
+
+
 def _models(diagnosis: Diagnosis, model: Model, f: Array, output: int, j: int) -> list[tuple[str, str, ComplexArray]]:
-    rate = diagnosis.data.rate_hz
-    linear = [e for e in diagnosis.effects if e.site is Site.MODEL or changes_the_response(type(e))]
-    extended = Predictor(places_of(model), f, rate).response(diagnosis.linear, linear)
-    return [
-        ("as given", GIVEN, diagnosis.nominal.frequency_response(f, rate)[:, output, j]),
-        ("extended", AFTER, extended[:, output, j]),
-    ]
+    """Return name, colour and response (n,) of every model that is drawn: as given first."""
+    predictor = Predictor(places_of(model), f, diagnosis.data.rate_hz)
+    # effects of the file that act on its linear part are in the fitted parts already
+    given = [e for e in stated(model.effects) if _linear(e)]
+    kept = [e for e in given if e.site is not Site.MODEL]
+    found = [e for e in diagnosis.effects if _linear(e)]
+    shown = [("as given", GIVEN, predictor.response(diagnosis.nominal, given))]
+    if diagnosis.adjusted is not None:
+        shown.append(("adjusted", BEFORE, predictor.response(diagnosis.adjusted, kept)))
+    if diagnosis.effects or diagnosis.adjusted is None:
+        shown.append(("extended", AFTER, predictor.response(diagnosis.linear, [*kept, *found])))
+    return [(name, colour, response[:, output, j]) for name, colour, response in shown]
+
+
+def _linear(effect: Effect) -> bool:
+    return effect.site is Site.MODEL or changes_the_response(type(effect))
 
 
 def _measured(diagnosis: Diagnosis, output: int) -> tuple[FrequencyResponse, int, int] | None:

@@ -8,26 +8,27 @@ filter, so that they can be compared. Only the middle of a stretch is drawn, whi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 from analysis.diagnosis.answer.explore import noise_density
-from analysis.diagnosis.answer.figures import AFTER, SWINGS, Drawn, swing_rows
+from analysis.diagnosis.answer.figures import AFTER, MEASURED, SWINGS, WIDE, Drawn, swing_rows
+from analysis.diagnosis.answer.words import effect_text
 from analysis.diagnosis.evidence.bins import rate_of
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import played, simulate
 from analysis.diagnosis.records.dataset import Window
 from analysis.diagnosis.result import Diagnosis
-from analysis.pages.canvas import INK, Canvas
+from analysis.pages.canvas import Canvas
 from analysis.pages.quantities import scaled, share
 from sim_backend.axis_names import axis_text, with_axes
 from sim_backend.effects.base import Effect, Site
 from sim_backend.linear import Array
 from sim_backend.model import Model
 
-SIZE = (4.8, 3.4)
+SIZE = (WIDE, 3.0)
 MOST_ROWS = 32768
 SHOWN_POINTS = 1200
 BINS = 30
@@ -38,6 +39,9 @@ SEEN = 0.3
 
 SMOOTHED = 9
 """Neighbouring frequency bins whose mean power is compared with that of the noise."""
+
+LOOP_SWINGS, LEAST_LOOP = 2, 32
+"""Swings of a loop that are drawn, and the fewest samples that show one."""
 
 LOOPS, RATES = ("hysteresis", "backlash"), ("friction",)
 """Parts of the names of effects that are seen in a loop over the position, and over the rate."""
@@ -97,7 +101,10 @@ def _shown_effect(diagnosis: Diagnosis) -> Effect | None:
 
 
 def _place(diagnosis: Diagnosis, model: Model, effect: Effect) -> tuple[int, Window, int, int | None] | None:
-    """Return record, window, output and input (None: no force) in which an effect is largest, held out if there are."""
+    """Return record, window, output and input (None: no force) in which an effect is largest, held out if there are.
+
+    None for a force that moves no output alone: what several inputs do to one output does not show its law.
+    """
     target = effect.where.rpartition("->")[2]
     outputs, inputs = [p.dof for p in model.outputs], [p.dof for p in model.inputs]
     changed = [b - a for b, a in zip(diagnosis.before, diagnosis.after, strict=True)]
@@ -107,8 +114,11 @@ def _place(diagnosis: Diagnosis, model: Model, effect: Effect) -> tuple[int, Win
     size = np.array([np.sum(changed[i][w.start : w.stop] ** 2, axis=0) for i, w in windows])
     o = outputs.index(target) if target in outputs else int(np.argmax(size.max(axis=0)))
     i, window = windows[int(np.argmax(size[:, o]))]
-    force = effect.site not in (Site.HEAD, Site.READING, Site.RECORD) and outputs[o] in inputs
-    return i, window, o, inputs.index(outputs[o]) if force else None
+    if effect.site in (Site.HEAD, Site.READING, Site.RECORD):
+        return i, window, o, None
+    if outputs[o] in inputs:
+        return i, window, o, inputs.index(outputs[o])
+    return (i, window, o, 0) if inputs == [target] else None
 
 
 def _missing(
@@ -219,23 +229,32 @@ def explained(x: Array, force: Array) -> float:
 
 
 def _drawn(missing: _Missing, over: Quantity, part: float, effect: Effect, window: Window) -> Drawn:
-    rows = _busiest(over.values, missing.modelled)
+    acts = missing.label
+    if _looped(effect):
+        acts = f"{missing.label.partition(' ')[0]} less its linear part"
+        missing = _without_slope(missing, over)
+    rows = _busiest(over.values, missing.modelled, looped=_looped(effect))
     x, size = over.values[rows], float(np.max(np.abs(over.values[rows])))
     factor, x_unit = scaled(size, over.unit)
     measured, modelled = missing.measured[rows], missing.modelled[rows]
     scale, unit = scaled(float(np.max(np.abs(modelled))), missing.unit)
     every = -(-x.size // SHOWN_POINTS)
-    canvas = Canvas(with_axes(f"{effect.reported()} at {effect.where}"), "", size=SIZE)
-    canvas.panel(0, canvas.title, f"{over.label} ({x_unit})", f"{missing.label} ({unit})")
+    canvas = Canvas(with_axes(f"{effect_text(effect.reported())} at {effect.where}"), "", size=SIZE)
+    canvas.panel(0, canvas.title, f"{over.label} ({x_unit})", f"{acts} ({unit})")
     at = x[::every] * factor
     if over.kind in ("position", "command") and _looped(effect):
         canvas.line(0, "extended model", at, modelled[::every] * scale, color=AFTER, linewidth=1.2)
     else:  # the model is a cloud as well: larger points below those that were measured
         canvas.points(0, "extended model", at, modelled[::every] * scale, color=AFTER, markersize=4.5, alpha=0.5, mew=0)
-    canvas.points(0, "measured", at, measured[::every] * scale, color=INK, marker=".", markersize=1.8, alpha=0.7)
+    canvas.points(0, "measured", at, measured[::every] * scale, color=MEASURED, marker=".", markersize=1.8, alpha=0.7)
     canvas.legend(0, loc="best")
     held = ", which no fit has seen" if window.held_out else ""
-    told = "" if _looped(effect) else f" Of the extended model's, {share(part)} is a function of {over.label}."
+    told = (
+        ""
+        if _looped(effect)
+        else f" Of the extended model's variance, {share(part)} is a function of {over.label}; the rest depends on "
+        "something else, or comes from the conversion, which leaves out what the noise hides."
+    )
     caption = (
         f"The {missing.label}, in segment “{window.label}”{held}: the measured residual converted into what would "
         f"make it, where it stands above the noise, and the same of the extended model.{told}"
@@ -243,13 +262,28 @@ def _drawn(missing: _Missing, over: Quantity, part: float, effect: Effect, windo
     return Drawn("mechanism", canvas.title, caption, canvas)
 
 
+def _without_slope(missing: _Missing, over: Quantity) -> _Missing:
+    """Return measured and modelled force less what of the modelled one is in proportion to a quantity.
+
+    A spring that slips is a spring until it does, beside whose straight line its loops are too thin to be seen.
+    """
+    slope, offset = np.polyfit(over.values, missing.modelled, 1)
+    line = slope * over.values + offset
+    label = f"{missing.label}, less its part in proportion to the {over.kind}"
+    return replace(missing, measured=missing.measured - line, modelled=missing.modelled - line, label=label)
+
+
 def _looped(effect: Effect) -> bool:
     return any(part in effect.reported() for part in LOOPS)
 
 
-def _busiest(x: Array, force: Array) -> slice:
-    """Return the samples of a few swings of `x` (n,) where `force` (n,) is largest: more would hide each other."""
-    length = min(max(SWINGS * swing_rows(x), SHOWN_POINTS), x.size)
+def _busiest(x: Array, force: Array, *, looped: bool) -> slice:
+    """Return the samples of a few swings of `x` (n,) where `force` (n,) is largest: more would hide each other.
+
+    Loops hide each other sooner than points, and are drawn as lines: of those only `LOOP_SWINGS`.
+    """
+    swing = swing_rows(x)
+    length = min(max(LOOP_SWINGS * swing, LEAST_LOOP) if looped else max(SWINGS * swing, SHOWN_POINTS), x.size)
     total = np.concatenate([[0.0], np.cumsum(force**2)])
     begin = int(np.argmax(total[length:] - total[:-length]))
     return slice(begin, begin + length)

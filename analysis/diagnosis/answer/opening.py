@@ -8,10 +8,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.diagnosis.answer.figures import AFTER, BEFORE, GIVEN, MOST_POINTS, SWINGS, TALL, Drawn, swing_rows
+from analysis.diagnosis.answer.figures import (
+    AFTER,
+    BEFORE,
+    GIVEN,
+    MEASURED,
+    MOST_POINTS,
+    SCALED_APART,
+    SWINGS,
+    WIDE,
+    Drawn,
+    swing_rows,
+)
 from analysis.diagnosis.evidence.as_given import left_as_given
 from analysis.diagnosis.records.dataset import Dataset, Window
-from analysis.pages.canvas import QUIET, Canvas, thinned
+from analysis.pages.canvas import Canvas, thinned
 from analysis.pages.quantities import scaled
 from sim_backend.axis_names import axis_text
 from sim_backend.linear import Array
@@ -59,29 +70,36 @@ def opening_figure(
     curves = [*first, ("adjusted", old, BEFORE), *found]
     time_s = (np.arange(place.rows.start, place.rows.stop) - place.window.start) / data.rate_hz
     name = axis_text(port.dof)
-    canvas = Canvas(f"Measured and simulated, {name}", "", rows=2, size=TALL, share_x=True)
+    # a rigid body, played from rest, runs away
+    seen = float(np.max(np.abs(y - y.mean())))
+    most = min(max(float(np.max(np.abs(left))) for _, left, _ in curves), 2.0 * seen)
+    two_sigma = 2.0 * float(noise_rms[place.output])
+    least = max(float(np.max(np.abs(curves[-1][1]))), two_sigma)
+    apart = len(curves) > 1 and SCALED_APART * least < most
+    rows = 3 if apart else 2
+    canvas = Canvas(f"Measured and simulated, {name}", "", rows=rows, size=(WIDE, 1.0 + 1.15 * rows), share_x=True)
     size, unit = scaled(float(np.max(np.abs(y))), port.unit)
     canvas.panel(0, name, "", f"position ({unit})" if port.unit in ("rad", "m") else f"output ({unit})")
-    canvas.line(0, "measured", *thinned(time_s, y * size, MOST_POINTS), color=QUIET, linewidth=3.0, alpha=0.55)
-    seen = float(np.max(np.abs(y - y.mean())))
-    # a rigid body, played from rest, runs away
-    most = min(max(float(np.max(np.abs(left))) for _, left, _ in curves), 2.0 * seen)
-    factor, small = scaled(most, port.unit)
-    canvas.panel(1, "", "time in the segment (s)", f"measured − simulated ({small})")
+    canvas.line(0, "measured", *thinned(time_s, y * size, MOST_POINTS), color=MEASURED, linewidth=2.2)
     for label, left, colour in curves:
-        canvas.line(0, label, *thinned(time_s, (y - left) * size, MOST_POINTS), color=colour, linewidth=1.1)
-        canvas.line(1, label, *thinned(time_s, left * factor, MOST_POINTS), color=colour, linewidth=0.9)
-    two_sigma = 2.0 * float(noise_rms[place.output]) * factor
-    canvas.band(1, -two_sigma, two_sigma, "noise, ±2σ")
+        canvas.line(0, label, *thinned(time_s, (y - left) * size, MOST_POINTS), color=colour, linewidth=1.0)
     _within(canvas.axes[0], (float(y.min()) - seen) * size, (float(y.max()) + seen) * size)
-    _within(canvas.axes[1], -1.1 * most * factor, 1.1 * most * factor)
-    for i in range(2):
-        canvas.legend_above(i, 4)
+    parts = [(curves[:-1], most), (curves[-1:], least)] if apart else [(curves, most)]
+    for i, (own, reach) in enumerate(parts, start=1):
+        factor, small = scaled(reach, port.unit)
+        canvas.panel(i, "", "time in the segment (s)" if i == len(parts) else "", f"residual ({small})")
+        for label, left, colour in own:
+            canvas.line(i, label, *thinned(time_s, left * factor, MOST_POINTS), color=colour, linewidth=0.9)
+        if i == len(parts):
+            canvas.band(i, -two_sigma * factor, two_sigma * factor, "noise floor, ±2σ")
+        _within(canvas.axes[i], -1.1 * reach * factor, 1.1 * reach * factor)
+    canvas.legend_outside()
     unseen = ", which no fit has seen" if place.window.held_out else ""
     where = "the extended model gains most on the adjusted one" if found else "the adjusted model misses most"
     caption = (
         f"{name} in segment “{place.window.label}”{unseen}: the stretch where {where}. “As given” is the model with "
         "the numbers of its file, played from rest; “adjusted” is the same with its own numbers fitted."
+        f"{' The lowest panel has another scale.' if apart else ''}"
     )
     return Drawn("measured-and-simulated", canvas.title, caption, canvas)
 

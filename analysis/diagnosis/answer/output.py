@@ -6,12 +6,15 @@ import json
 import math
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 
+from analysis.diagnosis.answer.changes import Change, changes
+from analysis.diagnosis.answer.surety import next_steps
 from analysis.diagnosis.records.loading import Source
 from analysis.diagnosis.result import Cause, Diagnosis, Domain
 from campaigns.version import tool_version
@@ -40,10 +43,12 @@ LISTED_RUNS = 4
 """Runs that are named with their checksum in each parameter's source; diagnosis.json has all of them."""
 
 
-def document(diagnosis: Diagnosis, sources: Sequence[Source], chops: Sequence[ChopGain] = ()) -> dict[str, Any]:
+def document(
+    diagnosis: Diagnosis, model: Model, sources: Sequence[Source], chops: Sequence[ChopGain] = ()
+) -> dict[str, Any]:
     """Return the content of `diagnosis.json`: plain dicts, lists, finite numbers and None.
 
-    `chops` are what the feed-forward gained on a bench, where that was tried.
+    `model` is the one that was diagnosed; `chops` are what the feed-forward gained on a bench, where that was tried.
     """
     gain, next_experiment = diagnosis.gain, diagnosis.next_experiment
     names = [*DOMAINS, *(d for d in diagnosis.evidence if d not in DOMAINS)]
@@ -64,17 +69,34 @@ def document(diagnosis: Diagnosis, sources: Sequence[Source], chops: Sequence[Ch
             "outputs": [vars(one) for one in gain.outputs] if gain else [],
             "chops": [vars(chop) for chop in chops],
             "sensitivity": [vars(one) for one in diagnosis.sensitivity],
+            "considered": [{"hypothesis": name, "log_odds": value} for name, value in diagnosis.considered],
+            "next_steps": list(next_steps(diagnosis)),
+            "tolerance": diagnosis.tolerance,
+            "parameters": [
+                {
+                    "place": one.place,
+                    "name": one.what,
+                    "given": one.before,
+                    "adjusted": one.adjusted,
+                    "extended": one.after,
+                    "std": one.std,
+                    "unit": one.unit,
+                }
+                for one in model_changes(diagnosis, model, sources)
+            ],
         }
     )
 
 
 def _cause(cause: Cause) -> dict[str, Any]:
+    blind = cause.blind
     parameters = {n: {"value": p.value, "std": p.std, "unit": p.unit} for n, p in cause.parameters.items()}
     return {
         "effect": cause.effect,
         "where": cause.where,
         "probability": cause.probability,
         "posterior": cause.posterior,
+        "blind": None if blind is None else {"names": blind.names, "right": blind.right, "ci95": blind.interval},
         "parameters": parameters,
         "why": cause.why,
     }
@@ -139,6 +161,19 @@ def extended_model(model: Model, diagnosis: Diagnosis, sources: Sequence[Source]
         delay_s=_delays(model, linear, std, source),
         coordinates=model.coordinates | _coordinates(model, diagnosis.effects),
     )
+
+
+def adjusted_model(model: Model, diagnosis: Diagnosis) -> Model | None:
+    """Return `model` with its own numbers fitted and nothing added; None where those are not known."""
+    if diagnosis.adjusted is None:
+        return None
+    bare = replace(diagnosis, linear=diagnosis.adjusted, linear_std=None, effects=(), causes=(), zeros={})
+    return extended_model(model, bare, ())
+
+
+def model_changes(diagnosis: Diagnosis, model: Model, sources: Sequence[Source]) -> list[Change]:
+    """Return the numbers in which the adjusted or the extended model differ from the one that was diagnosed."""
+    return changes(model, extended_model(model, diagnosis, sources), adjusted_model(model, diagnosis))
 
 
 def _moved_zero(entry: EffectEntry, model: Model, diagnosis: Diagnosis, source: str) -> EffectEntry:
@@ -300,7 +335,7 @@ def write_files(
 
     `diagnosis.json` comes last: where it stands, all is there. Raises OSError, naming the file, when a disk is full.
     """
-    text = json.dumps(document(diagnosis, sources, chops), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(document(diagnosis, model, sources, chops), indent=2, ensure_ascii=False, allow_nan=False)
     return {
         "extended.toml": write_extended(diagnosis, model, sources, out),
         "diagnosis.json": write_text(out / "diagnosis.json", text + "\n"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup, escape
 
-from analysis.diagnosis.answer.changes import Change, changes
+from analysis.diagnosis.answer.changes import Change
 from analysis.diagnosis.answer.explore import evidence_explorer, residual_explorer
 from analysis.diagnosis.answer.figures import (
     Drawn,
@@ -21,14 +20,16 @@ from analysis.diagnosis.answer.figures import (
 )
 from analysis.diagnosis.answer.mechanism import mechanism_figure
 from analysis.diagnosis.answer.opening import opening_figure, opening_output
-from analysis.diagnosis.answer.output import DOMAINS, extended_model
-from analysis.diagnosis.answer.sentence import SIGNIFICANT, advice, surety
+from analysis.diagnosis.answer.output import DOMAINS, model_changes
+from analysis.diagnosis.answer.sentence import SIGNIFICANT
+from analysis.diagnosis.answer.surety import surety, times_less
+from analysis.diagnosis.answer.words import effect_text, hypothesis_text, measure_text
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import model_rms
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.records.loading import Source
-from analysis.diagnosis.result import Cause, Diagnosis, Domain, Visible
+from analysis.diagnosis.result import Cause, Diagnosis, Domain, Gain, Visible
 from analysis.diagnosis.verdict.held_out import ABOVE_NOISE
 from analysis.pages.environment import page_environment
 from analysis.pages.explorer import Explorer
@@ -155,15 +156,18 @@ def render(
             figures=drawn.figures,
             drawings=drawn.svg,
             surety=surety(diagnosis),
-            advice=advice(diagnosis),
             above_noise=ABOVE_NOISE,
+            seen_heading="Where it is seen" if diagnosis.effects else "Frequency response",
+            trusted=_trusted(diagnosis.tolerance),
             causes_heading="Cause" if len(diagnosis.causes) == 1 else "Causes",
             visible=_by_effect(diagnosis.sensitivity),
             explorers=drawn.explorers,
-            changes=_grouped(changes(model, extended_model(model, diagnosis, sources))),
+            changes=_grouped(model_changes(diagnosis, model, sources)),
             symptoms={e.reported(): e.symptom for e in reversed(named())},
             held_out=_held_out(diagnosis, files),
             improved=_improved(diagnosis),
+            better=_better(diagnosis.gain),
+            compared=_compared(diagnosis),
             chops=chops,
             version=f"{tool_version()} ({tool_commit()})",
         )
@@ -177,6 +181,8 @@ def _environment() -> jinja2.Environment:
     environment.filters["moment"] = lambda x: quantity(x, "s") if x < float("inf") else "never"
     environment.filters["unit"] = unit_text
     environment.filters["readable"] = readable
+    environment.filters["effect"] = effect_text
+    environment.filters["hypothesis"] = hypothesis_text
     environment.filters["known_exactly"] = known_exactly
     environment.filters["fit"] = fit_percent
     environment.filters["plainly"] = without_exponents
@@ -222,6 +228,45 @@ def _improved(diagnosis: Diagnosis) -> bool:
     gain = diagnosis.gain
     better = gain is not None and gain.measurable and gain.rms_after < gain.rms_before
     return bool(diagnosis.causes) or (diagnosis.verdict == "ambiguous" and better)
+
+
+MUCH_BETTER = 0.99
+"""A reduction above it is stated as a ratio: of 99.8 % and 99.9 % nobody sees that one is twice the other."""
+
+
+def _better(gain: Gain | None) -> tuple[str, str]:
+    """Return by how much the error after is smaller than the one before, and the ends of that, in words."""
+    if gain is None:
+        return "", ""
+    low, high = sorted(gain.ci95)
+    if min(low, gain.reduction) > MUCH_BETTER and high < 1.0:
+        ratio, least, most = (readable(1.0 / (1.0 - part), 2) for part in (gain.reduction, low, high))
+        return f"{ratio} ×", f"smaller error than adjusted (95 %: {least} to {most} ×)"
+    if gain.reduction < 0.0 and high < 0.0:
+        low, high = -high, -low
+    less = "more" if gain.reduction < 0.0 else "less"
+    ends = f"{100.0 * low:.1f} % to {100.0 * high:.1f} %"
+    return _unbroken(f"{100.0 * abs(gain.reduction):.1f} %"), f"{less} error than adjusted (95 %: {ends})"
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A hypothesis in words, how many times less likely it makes the data, and what would be seen if it were true."""
+
+    name: str
+    times: str
+    seen: str
+
+
+def _compared(diagnosis: Diagnosis) -> list[Compared]:
+    symptoms = {e.reported(): e.symptom for e in reversed(named())}
+    rows = []
+    for name, log_odds in diagnosis.considered:
+        seen = [symptoms[one] for one in name.split("+") if one in symptoms]
+        rows.append(
+            Compared(hypothesis_text(name), times_less(log_odds), f"the residual {', and '.join(seen)}" if seen else "")
+        )
+    return rows
 
 
 def _those(*figures: Drawn | None) -> tuple[Drawn, ...]:
@@ -271,18 +316,26 @@ def _by_effect(seen: Sequence[Visible]) -> dict[str, list[Visible]]:
     """Return the visible sizes by effect and the parameter that measures it."""
     out: dict[str, list[Visible]] = {}
     for one in seen:
-        measure = _MEASURES.get(one.parameter, re.sub(r"_\d+$", "", one.parameter).replace("_", " "))
-        out.setdefault(f"{one.effect}, {measure}", []).append(one)
+        effect, measure = effect_text(one.effect), measure_text(one)
+        out.setdefault(effect if measure.endswith(effect) else f"{effect}: {measure}", []).append(one)
     return out
 
 
-_MEASURES = {"seconds": "time", "relative": "relative change"}
-"""Parameters whose names do not say by themselves what they measure."""
-
-
 def _visible_size(one: Visible) -> str:
-    """Return a size with its unit; a part of a whole in percent."""
-    return share(one.size) if one.parameter == "relative" else quantity(one.size, one.unit)
+    """Return a size with its unit and as a part of what the record has of it; a part of a whole in percent."""
+    if one.natural is None:
+        return share(one.size) if one.unit == "1" else quantity(one.size, one.unit)
+    return f"{quantity(one.size, one.unit)} ({_unbroken(share(one.size / one.natural))})"
+
+
+def _trusted(tolerance: float | None) -> str:
+    """Return in words how far the model's own numbers are trusted."""
+    if tolerance is None:
+        return "The model's own numbers were fitted to these very records, and are adjusted freely."
+    return (
+        f"The model's own numbers are trusted to ±{readable(100.0 * tolerance)} % (one standard deviation of each; "
+        "--nominal-tolerance), and adjusted within that."
+    )
 
 
 def _overview(found: dict[str, tuple[Domain, ...]], domains: Sequence[str], files: dict[str, str]) -> list[OverviewRow]:

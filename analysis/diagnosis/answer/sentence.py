@@ -1,12 +1,11 @@
-"""A diagnosis in words: the sentence with which it opens, and how sure the answer is and why not surer."""
+"""A diagnosis in words: the sentence with which it opens."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
-from analysis.diagnosis.result import Cause, Choice, Diagnosis, Domain, Gain, Remainder, Verdict
+from analysis.diagnosis.answer.words import effect_text, hypothesis_text
+from analysis.diagnosis.result import Cause, Choice, Domain, Gain, Remainder, Verdict
 from analysis.diagnosis.verdict.held_out import ABOVE_NOISE, leaves_most
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
@@ -19,17 +18,6 @@ SIGNIFICANT = 1e-3
 
 _MANY = 4
 """Up to so many locations of one kind of cause are all listed."""
-
-_FAR_LESS = 5
-"""Powers of ten from which on the number before them says nothing more."""
-
-
-@dataclass(frozen=True)
-class Surety:
-    """How sure a diagnosis is, in words, and the reasons why it is not surer."""
-
-    how: tuple[str, ...]
-    why_not: tuple[str, ...]
 
 
 def sentence(
@@ -70,25 +58,9 @@ def _next(choice: Choice | None) -> str:
         return f"{choice.reason[0].upper()}{choice.reason[1:]}."
     plan = choice.experiment
     return (
-        f"The plan {plan.test} would distinguish {' from '.join(plan.separates)}: after "
+        f"The plan {plan.test} would distinguish {' from '.join(map(hypothesis_text, plan.separates))}: after "
         f"{readable(plan.duration_s)} s they "
         f"would differ by {readable(plan.expected_sigma, 2)} sigma."
-    )
-
-
-def advice(diagnosis: Diagnosis) -> str:
-    """Return what to record next where no plan was chosen; empty where a plan was, or nothing is left to find."""
-    if diagnosis.next_experiment is not None or diagnosis.verdict not in ("ambiguous", "unknown"):
-        return ""
-    if diagnosis.verdict == "unknown":
-        return (
-            "Plans are compared by how well they distinguish effects, and no effect of the library explains this "
-            "residual. Record the same motion at other amplitudes, speeds and temperatures, one of them changed at a "
-            "time: what the residual follows tells what causes it."
-        )
-    return (
-        "No plan of the bench is known to distinguish what is tied; the remarks say why. An instrument that does not "
-        "share the bench's sensors may."
     )
 
 
@@ -104,24 +76,25 @@ def _verdict(
     if verdict == "unknown":
         lives = _where_it_lives(evidence)
         return f"The simulation is wrong, and no effect in the library explains how{lives}{_missed(gain)}."
-    listed = _listed(causes)
+    lacking = listed(causes)
     sure = f" (probability {certainty(min((c.probability for c in causes), default=0.0))}"
     sure += " each)" if len(causes) > 1 else ")"
     if verdict == "ambiguous":
-        choice = " or ".join(", ".join(group) for group in tied)
-        start = f"The simulation lacks {listed}{sure}, and" if listed else "The simulation is wrong, but"
+        choice = " or ".join(", ".join(map(effect_text, group)) for group in tied)
+        start = f"The simulation lacks {lacking}{sure}, and" if lacking else "The simulation is wrong, but"
         return f"{start} these data do not show which of {choice} it is{_gained(gain, 'the best of them')}."
     why = "; ".join(dict.fromkeys(c.why for c in causes))
-    return f"The simulation lacks {listed}{sure}: {why}{_gained(gain, 'it' if len(causes) == 1 else 'them')}."
+    return f"The simulation lacks {lacking}{sure}: {why}{_gained(gain, 'it' if len(causes) == 1 else 'them')}."
 
 
-def _listed(causes: Sequence[Cause]) -> str:
+def listed(causes: Sequence[Cause]) -> str:
     """Return what the causes are and where, each kind once; of many locations how many they are."""
     places: dict[str, list[str]] = {}
     for cause in causes:
         places.setdefault(cause.effect, []).append(cause.where)
     parts = []
-    for effect, where in places.items():
+    for slug, where in places.items():
+        effect = effect_text(slug)
         if len(where) > _MANY:
             parts.append(f"{effect} at {len(where)} {'modes' if all(map(is_mode, where)) else 'locations'}")
         else:
@@ -143,7 +116,10 @@ def _gained(gain: Gain | None, what: str) -> str:
             "times the added effect best"
         )
     if gain.measurable:
-        return f"; adding {what} takes the held-out error from {before} to {after} of the output"
+        return (
+            f"; adding {what} takes the held-out error from {before} (the model's own numbers adjusted) to {after} of "
+            "the output"
+        )
     return (
         f"; what adding {what} gains on the held-out samples is less than its uncertainty (error "
         f"{before} of the output "
@@ -211,79 +187,3 @@ def _where_it_lives(evidence: Mapping[str, Sequence[Domain]]) -> str:
     if not p < SIGNIFICANT:
         return "; see the remarks for the residual"
     return f"; its residual is most significant by {name}, {curve.where} ({chance(p)})"
-
-
-def surety(diagnosis: Diagnosis) -> Surety:
-    """Return how sure the answer of a diagnosis is and everything that keeps it from being surer."""
-    far, rival = _rival(diagnosis)
-    why_not = [] if far else [rival]
-    if diagnosis.remainder is not None:
-        r = diagnosis.remainder
-        why_not.append(
-            f"{share(r.share)} of the squared error above the noise stays unexplained: {r.lives} "
-            f"({chance(r.significance)})."
-        )
-    if diagnosis.gain is None:
-        why_not.append("No segment was held out, so the gain could not be tested on data that no fit has seen.")
-    why_not += map(_capitalised, diagnosis.notes)
-    how = [*_how(diagnosis), *([rival] if far else [])]
-    return Surety(tuple(how), tuple(filter(None, why_not)))
-
-
-def _capitalised(note: str) -> str:
-    """Return a note with a capital at its beginning, unless that is the name of a file or the like."""
-    first = note.split(maxsplit=1)[0] if note.split() else ""
-    return note[0].upper() + note[1:] if first.isalpha() else note
-
-
-def _how(diagnosis: Diagnosis) -> list[str]:
-    alike: dict[tuple[str, str], list[Cause]] = {}
-    for cause in diagnosis.causes:
-        alike.setdefault((cause.effect, certainty(cause.probability)), []).append(cause)
-    said = [
-        f"{_listed(causes)}: {'each ' if len(causes) > 1 else ''}{sure} probable."
-        for (_, sure), causes in alike.items()
-    ]
-    if said:
-        said.append(
-            "That is the share of right names among those with evidence as strong, in blind trials on simulated "
-            "benches. No single record makes a name surer."
-        )
-    if diagnosis.verdict == "ambiguous":
-        said.append("That the model is wrong is sure; these data do not show which of the tied causes it is.")
-    least = least_by_chance(diagnosis.evidence)
-    if diagnosis.verdict == "unknown" and least is not None:
-        p, name, curve = least
-        said.append(f"That the model is wrong: by {name}, {curve.where} ({chance(p)}).")
-    if diagnosis.verdict == "consistent" and least is not None:
-        p, name, curve = least
-        if p >= SIGNIFICANT:
-            said.append(f"The residual is most significant by {name}, no more than by chance ({chance(p)}).")
-        else:
-            said.append(
-                f"The residual is most significant by {name}: {curve.where} ({chance(p)}). No effect of the library "
-                "explains more than noise may."
-            )
-    return said
-
-
-def _rival(diagnosis: Diagnosis) -> tuple[bool, str]:
-    """Return whether the second-best explanation of what was named is far behind, and what to say of it.
-
-    Nothing where none was weighed.
-    """
-    if diagnosis.verdict != "named" or not diagnosis.considered:
-        return False, ""
-    name, evidence = diagnosis.considered[0]
-    power = math.floor(-evidence / math.log(10.0))
-    far = power > _FAR_LESS
-    times = f"10{_superscript(power)}" if far else readable(math.exp(max(-evidence, 0.0)))
-    only = ", if the noise is as assumed and one of them is true" if far else ""
-    return far, (
-        f"Of the explanations compared, the next best, {name or 'nothing added'}, makes the data {times} times less "
-        f"likely{only}."
-    )
-
-
-def _superscript(n: int) -> str:
-    return str(n).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

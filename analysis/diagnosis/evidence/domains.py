@@ -30,7 +30,7 @@ from analysis.diagnosis.evidence.spectra import Repeat, bands, coherence_test, e
 from analysis.diagnosis.noise.levels import BAND_ROWS
 from analysis.diagnosis.noise.whitener import Whitener, filtered
 from analysis.diagnosis.nominal.responses import response
-from analysis.diagnosis.records.dataset import Dataset, Record
+from analysis.diagnosis.records.dataset import WARMING_K, Dataset, Record
 from analysis.diagnosis.result import Domain
 from analysis.diagnosis.side_by_side import side_by_side
 from analysis.diagnosis.tails import f_tail
@@ -47,9 +47,6 @@ TIME_BINS = 40
 
 FORCE_BINS = 10
 """Most bins of a missing force: each costs a simulation, and a law of force is smooth."""
-
-WARMING_K = 0.02
-"""Smallest range of temperatures that counts as one: below it a channel shows its own noise or the drive's warmth."""
 
 
 @dataclass(frozen=True)
@@ -287,7 +284,11 @@ def _direction(s: _Series) -> Domain:
     means = np.array([np.mean(s.w[index == k]) for k in (0, 1)])
     found = Binned(index, count, square, np.array([-1.0, 1.0]), np.array([-1.0, 0.0, 1.0]))
     p = _both(_energy_test(square, count.astype(float), s.noise_rows), _mean_p(s, s.rate, found, s.noise_rows))
-    what = f"{s.port.dof}, mean in units of the noise {means[1]:+.2g} moving up and {means[0]:+.2g} moving down"
+    k = int(np.argmax(square))
+    what = (
+        f"{s.port.dof} moving {('down', 'up')[k]} (mean residual {means[1]:+.2g} times the noise moving up, "
+        f"{means[0]:+.2g} times moving down)"
+    )
     return _domain(s, found.centre, "sign of the rate", np.sqrt(square), p, what)
 
 

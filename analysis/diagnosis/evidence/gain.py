@@ -104,7 +104,12 @@ def _by_output(
 
     moving = np.flatnonzero(np.isfinite(size)).tolist()
     before, after = left
-    return tuple(OutputGain(names[o], alone(before, o), alone(after, o), float(noise[o] / size[o])) for o in moving)
+    found = []
+    for o in moving:
+        errors = alone(before, o), alone(after, o)
+        # as in all outputs together: the noise is part of these errors
+        found.append(OutputGain(names[o], *errors, min(float(noise[o] / size[o]), *errors)))
+    return tuple(found)
 
 
 def size_on_held_out(

@@ -21,6 +21,9 @@ Mask = NDArray[np.bool_]
 FINEST = 1e-10
 """Part of an output's range that no instrument resolves: 33 bits."""
 
+WARMING_K = 0.02
+"""Smallest range of temperatures that counts as one: below it a channel shows its own noise or the drive's warmth."""
+
 _HIDES = 2.0
 """Steps of the largest numbers, as the rms of a noise beside which it is not seen that small numbers have finer ones:
 their rounding adds 1/12 of a step squared, 2 % of it."""
@@ -235,6 +238,12 @@ class Dataset:
     def repeats(self) -> bool:
         """Whether any window repeats, so that noise is known from what differs between periods."""
         return any(window.repeats for record in self.records for window in record.windows)
+
+    @property
+    def warms(self) -> bool:
+        """Whether a temperature was recorded, and changes over the records."""
+        known = [r.temperature_k for r in self.records if r.temperature_k is not None]
+        return bool(known) and float(np.ptp(np.concatenate(known))) > WARMING_K
 
     @property
     def noise_rows(self) -> int:

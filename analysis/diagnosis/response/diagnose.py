@@ -76,7 +76,7 @@ def diagnose_response(
         setting, found = _searched(setting, options, progress)
         judgement = judged(_only(setting, ~lines.held_out), found)
     notes = _notes(setting, judgement, model, found, levels)
-    return _answer(setting, model, path, found, judgement, levels, notes, options.seed)
+    return _answer(setting, model, path, found, judgement, levels, notes, options)
 
 
 def _setting(lines: Lines, model: Model, path: Path, options: Options, *, held: bool) -> Setting:
@@ -135,7 +135,7 @@ def _answer(
     judgement: Judgement,
     levels: tuple[Domain, ...],
     notes: tuple[str, ...],
-    seed: int,
+    options: Options,
 ) -> tuple[Diagnosis, Responses]:
     best, lines = found.best, setting.lines
     both = [setting.modelled(one.linear, one.effects) for one in (found.tuned, best)]
@@ -144,7 +144,7 @@ def _answer(
     if levels:
         evidence["level"] = levels
     dependent = depends_on_level(levels)
-    gain = None if dependent else gain_of(lines, setting.noise, both[0], both[1], path.name, seed)
+    gain = None if dependent else gain_of(lines, setting.noise, both[0], both[1], path.name, options.seed)
     causes, n = causes_of(best, judgement, model), len(setting.nuisances)
     std = np.sqrt(np.maximum(np.diag(setting.turn @ best.covariance[:n, :n] @ setting.turn.T), 0.0))
     said = sentence(judgement.verdict, causes, judgement.tied, gain, evidence)
@@ -165,6 +165,8 @@ def _answer(
         considered=judgement.rivals,
         notes=notes,
         linear_std=deviations(best.linear, setting.nuisances, std),
+        adjusted=found.tuned.linear,
+        tolerance=None if fitted_to(model, [path.name]) else options.tolerance,
     )
     return diagnosis, drawn
 

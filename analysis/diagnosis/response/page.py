@@ -7,17 +7,27 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.diagnosis.answer.figures import AFTER, BEFORE, Drawn, evidence_figures, file_names
+from analysis.diagnosis.answer.figures import (
+    AFTER,
+    BEFORE,
+    DOTS,
+    NOISE,
+    WIDE,
+    Drawn,
+    evidence_figures,
+    file_names,
+    finer_ticks,
+)
 from analysis.diagnosis.answer.page import Figures, write_drawn
 from analysis.diagnosis.records.loading import Source
 from analysis.diagnosis.response.diagnose import Responses, by_frequency
 from analysis.diagnosis.result import Diagnosis
 from analysis.pages.bode import PHASES_DEG, bode_canvas, draw_response, per, scale_axes
-from analysis.pages.canvas import INK, QUIET, Canvas
+from analysis.pages.canvas import Canvas
 from sim_backend.model import Model
 
-SIZE = (4.4, 5.6)
-"""As wide as the other figures of the page, and three panels high."""
+SIZE = (WIDE, 4.8)
+"""Three panels high."""
 
 
 def write_response_page(
@@ -60,11 +70,10 @@ def bode_figures(drawn: Responses, model: Model) -> list[Drawn]:
 def _draw(canvas: Canvas, drawn: Responses, rows: np.ndarray) -> None:
     lines = drawn.lines
     measured, size = lines.response[rows], np.abs(lines.response[rows])
-    dots = {"color": INK, "marker": ".", "markersize": 2.5}
-    canvas.points(0, "measured", lines.frequency_hz[rows], size, **dots)
-    canvas.points(1, "measured", lines.frequency_hz[rows], np.degrees(np.angle(measured)), **dots)
+    canvas.points(0, "measured", lines.frequency_hz[rows], size, **DOTS)
+    canvas.points(1, "measured", lines.frequency_hz[rows], np.degrees(np.angle(measured)), **DOTS)
     sigma = np.sqrt(np.mean(drawn.noise.sigma[rows] ** 2, axis=1)) / size
-    canvas.points(2, "noise", lines.frequency_hz[rows], sigma, color=QUIET, marker="_", markersize=3.0)
+    canvas.points(2, "noise floor", lines.frequency_hz[rows], sigma, color=NOISE, marker="_", markersize=3.0)
     for label, modelled, colour in (("adjusted", drawn.nominal, BEFORE), ("extended", drawn.extended, AFTER)):
         # a model has one response: that at the points of all levels together
         f, first = np.unique(lines.frequency_hz[rows], return_index=True)
@@ -73,5 +82,7 @@ def _draw(canvas: Canvas, drawn: Responses, rows: np.ndarray) -> None:
         canvas.points(2, label, lines.frequency_hz[rows], off, color=colour, markersize=2.0)
     scale_axes(canvas)
     canvas.axes[2].set_yscale("log")
+    for axes in canvas.axes:
+        finer_ticks(axes)
     canvas.axes[1].set_yticks(PHASES_DEG)
-    canvas.legend_above(0)
+    canvas.legend_outside()

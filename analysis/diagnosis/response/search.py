@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates.signature import Candidate, Scales, places_for, unit_sizes
 from analysis.diagnosis.response.fits import Fit, Setting, fit, fit_nominal, slopes
+from analysis.diagnosis.result import NOTHING_ADDED
 from analysis.diagnosis.search.adequacy import EXPLAINED
 from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD
 from analysis.diagnosis.search.stage import Progress
@@ -222,7 +223,7 @@ def judged(setting: Setting, found: Found) -> Judgement:
     best = found.best
     against = _failed_check(setting, found)
     gaps = _gaps(found)
-    rivals = tuple(("+".join(label) or "none", -gap) for label, gap in gaps)
+    rivals = tuple(("+".join(label) or NOTHING_ADDED, -gap) for label, gap in gaps)
     if not best.candidates:
         return Judgement("unknown" if against else "consistent", (), (), _SUREST, 1.0, (), against)
     weights = np.exp(-np.array([gap for _, gap in gaps]))

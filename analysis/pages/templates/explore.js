@@ -90,9 +90,9 @@ class Plot {
         this.list();
       });
       const swatch = make(label, "svg:svg", { width: 28, height: 10, "aria-hidden": "true" });
-      if (this.view.panels.some((p) => p.series.some((s) => s.name === name && s.kind === "points"))) dot(swatch, i, 14, 5, 3, this.colour(i));
+      if (this.named(name).some((s) => s.kind === "points")) dot(swatch, i, 14, 5, 3, this.colour(i));
       else make(swatch, "svg:line", { x1: 0, x2: 28, y1: 5, y2: 5, stroke: this.colour(i), "stroke-width": 2,
-        "stroke-dasharray": dash(i) });
+        "stroke-dasharray": this.dash(i) });
       make(label, "span", {}, name);
     });
   }
@@ -114,7 +114,11 @@ class Plot {
     }
   }
 
-  colour(i) { return `var(--curve-${1 + (i % COLOURS)})`; }
+  named(name) { return this.view.panels.flatMap((p) => p.series.filter((s) => s.name === name)); }
+  // what is measured and what is noise looks the same in every plot, whatever is drawn beside it
+  own(i) { return (this.named(this.names[i]).find((s) => s.colour) || {}).colour; }
+  colour(i) { return this.own(i) ? `var(--${this.own(i)})` : `var(--curve-${1 + (i % COLOURS)})`; }
+  dash(i) { return this.own(i) === "ink" ? "" : dash(i); }
   shown(panel) { return panel.series.filter((s) => !this.hidden.has(s.name)); }
   scale(panel) { return panel.log ? Math.log10 : (v) => v; }
   rise(panel) { return panel.log_y ? Math.log10 : (v) => v; }
@@ -181,7 +185,7 @@ class Plot {
     const inside = make(svg, "svg:g", { "clip-path": `url(#${clip})` });
     if (panel.band) {
       const [from, until] = panel.band;
-      make(inside, "svg:rect", { class: "band", x: box.left, width: box.width, y: py(until),
+      make(inside, "svg:rect", { class: `band ${panel.band_colour || ""}`, x: box.left, width: box.width, y: py(until),
         height: Math.max(py(from) - py(until), 0) });
     }
     for (const s of this.shown(panel)) this.curve(inside, s, panel, px, py);
@@ -224,7 +228,7 @@ class Plot {
     }
     const there = (k) => k >= 0 && series.y[k] !== null; // a line ends at a gap and begins anew behind it
     const path = series.x.map((v, k) => (there(k) ? `${there(k - 1) ? "L" : "M"}${px(v).toFixed(2)} ${py(series.y[k]).toFixed(2)}` : "")).join("");
-    make(parent, "svg:path", { d: path, stroke: colour, class: "curve", "stroke-dasharray": dash(i) });
+    make(parent, "svg:path", { d: path, stroke: colour, class: "curve", "stroke-dasharray": this.dash(i) });
   }
 
   pointer(frame, i) {

@@ -11,12 +11,12 @@ import msgspec
 import pytest
 
 from analysis.challenge.breakdown import reliability
-from analysis.challenge.intervals import share_interval
 from analysis.challenge.judge import judge
 from analysis.challenge.pool import pool
 from analysis.challenge.run import nominal_error
 from analysis.challenge.score import score_challenge
 from analysis.challenge.truth import Case
+from analysis.diagnosis.tails import share_interval
 from mccdcli.main import main
 from mccdcli.schema import schema_of
 from tests.analysis.challenge.test_score import buried, case, named, said, write

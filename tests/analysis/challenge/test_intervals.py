@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, norm, quantile_test
 
-from analysis.challenge.intervals import bootstrap_interval, half_points, quantile_interval, share_interval
+from analysis.challenge.intervals import bootstrap_interval, half_points, quantile_interval
+from analysis.diagnosis.tails import share_interval
 
 
 @pytest.mark.parametrize(("hits", "n"), [(0, 20), (20, 20), (7, 20), (3, 300), (299, 300)])

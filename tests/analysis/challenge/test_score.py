@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from analysis.challenge.intervals import share_interval
 from analysis.challenge.judge import judge
 from analysis.challenge.markdown import page
 from analysis.challenge.measures import Measure, calibration
 from analysis.challenge.run import diagnosed_by
 from analysis.challenge.score import CHI2_MEDIAN, Score, score_challenge
 from analysis.challenge.truth import Buried, Case, Number, Truth, seal
+from analysis.diagnosis.tails import share_interval
 from sim_backend.errors import ConfigError
 
 FLOOR = 2e-3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 
-from analysis.diagnosis.calibration import TABLE, calibrated
+from analysis.diagnosis.calibration import TABLE, calibrated, counted
 from benchmarks.calibrate_names import ROOT, SCORES, bins_of, names_of, text_of
 
 
@@ -36,3 +36,14 @@ def test_bins_keep_equal_posteriors_together_and_never_fall() -> None:
     bins = bins_of(names)
     assert [least for least, _, _ in bins] == [0.9]  # 0.95 is worse than 0.9, and 60 are too few for a bin
     assert bins[0][1] == len(names)
+
+
+def test_the_cases_behind_a_probability_are_those_of_its_bin() -> None:
+    one = counted(1.0)
+    assert one is not None
+    *_, last = tomllib.loads(TABLE.read_text(encoding="utf-8"))["bins"]
+    assert (one.names, one.right) == (last["names"], last["right"])
+    assert calibrated(1.0) == (one.right + 1.0) / (one.names + 2.0)
+    assert one.interval[0] < one.right / one.names < one.interval[1]
+    # a posterior below what such names were worth is stated as it is: no case was counted
+    assert counted(0.3) is None

@@ -7,7 +7,7 @@ import pytest
 from analysis.diagnosis.answer.changes import changes
 from analysis.diagnosis.answer.output import document, extended_model, prepare_folder, write_files
 from analysis.diagnosis.answer.page import write_page
-from analysis.diagnosis.calibration import calibrated
+from analysis.diagnosis.calibration import calibrated, counted
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.records.loading import Source
 from analysis.diagnosis.result import Cause, Diagnosis, Domain, Estimate, Gain, NextExperiment
@@ -64,9 +64,11 @@ def diagnosis(oscillator):
     )
 
 
-def test_the_document_is_that_of_the_contract(diagnosis):
-    found = json.loads(json.dumps(document(diagnosis, SOURCES), allow_nan=False))
+def test_the_document_is_that_of_the_contract(diagnosis, oscillator):
+    found = json.loads(json.dumps(document(diagnosis, oscillator, SOURCES), allow_nan=False))
     assert found["schema"] == "mccd-diagnosis/1"
+    blind = counted(0.97)
+    assert blind is not None
     assert set(found) >= CONTRACT and set(found["evidence"]) >= DOMAINS
     assert found["causes"] == [
         {
@@ -74,6 +76,7 @@ def test_the_document_is_that_of_the_contract(diagnosis):
             "where": "x",
             "probability": calibrated(0.97),
             "posterior": 0.97,
+            "blind": {"names": blind.names, "right": blind.right, "ci95": list(blind.interval)},
             "parameters": {"stiffness": {"value": 2.5, "std": 0.125, "unit": "N/m^3"}},
             "why": "It bends.",
         }
@@ -94,6 +97,23 @@ def test_the_document_is_that_of_the_contract(diagnosis):
     assert found["evidence"]["position"]["curves"][0]["level"] == [5.0, None]
     assert found["evidence"]["position"]["p_value"] == 2e-9
     assert found["evidence"]["time"] == {}
+
+
+def test_every_number_of_the_page_is_in_the_document(diagnosis, oscillator):
+    import dataclasses
+
+    adjusted = diagnosis.nominal.with_(omega_rad_s=diagnosis.nominal.omega_rad_s * 1.01)
+    more = dataclasses.replace(diagnosis, adjusted=adjusted, tolerance=0.03, next_experiment=None)
+    found = document(more, oscillator, SOURCES)
+    assert found["considered"] == [
+        {"hypothesis": "cubic-stiffness", "log_odds": 0.0},
+        {"hypothesis": "backlash", "log_odds": -40.0},
+    ]
+    frequency, stiffness = found["parameters"]
+    told = [frequency[name] for name in ("given", "adjusted", "extended", "std")]
+    assert told == pytest.approx([20.0, 20.2, 20.4, 0.02]) and frequency["unit"] == "Hz"
+    assert (stiffness["given"], stiffness["adjusted"], stiffness["extended"]) == (None, None, 2.5)
+    assert found["tolerance"] == 0.03 and "nothing is tied" in found["next_steps"][0]
 
 
 def test_the_extended_model_says_where_each_new_number_comes_from(diagnosis, oscillator, tmp_path):
@@ -144,11 +164,11 @@ def test_a_changed_mode_is_told_by_its_damping_ratio_and_in_units(oscillator):
     decay = Quantity(value=2.0 * number(mode.decay_rate_1_s), std=0.1)
     other = msgspec.structs.replace(mode, decay_rate_1_s=decay, input={port: 1.1 * number(value)})
     zeta, driven = changes(oscillator, msgspec.structs.replace(oscillator, modes=[other]))
-    assert (zeta.what, zeta.unit) == ("damping ratio ζ", "")
+    assert (zeta.what, zeta.unit) == ("damping ratio ζ (decay_rate_1_s ÷ 2πf)", "")
     assert zeta.before == pytest.approx(number(mode.decay_rate_1_s) / (2.0 * np.pi * 20.0))
     assert zeta.before is not None and zeta.after == pytest.approx(2.0 * zeta.before)
     units = {p.name: p.unit for p in (*oscillator.inputs, *oscillator.outputs)}
-    assert (driven.what, driven.unit) == (f"driven by {port}", f"{units[out]}/s^2 per {units[port]}")
+    assert (driven.what, driven.unit) == (f"gain from input {port}", f"{units[out]}/s^2 per {units[port]}")
 
 
 def test_a_re_tuned_direct_path_is_in_the_extended_model_and_in_the_difference(diagnosis, oscillator):
@@ -164,7 +184,7 @@ def test_a_re_tuned_direct_path_is_in_the_extended_model_and_in_the_difference(d
     assert isinstance(number_of_it, Quantity)
     assert (number_of_it.origin, number_of_it.std) == ("fitted", 0.003) and "uid-1" in number_of_it.source
     (row,) = [r for r in changes(direct, extended) if r.place == "x, directly"]
-    assert (row.what, row.before, row.after, row.std) == ("driven by force", 0.02, -0.01, 0.003)
+    assert (row.what, row.before, row.after, row.std) == ("gain from force", 0.02, -0.01, 0.003)
 
 
 def test_every_quantity_of_an_extended_as_built_bench_is_kept(diagnosis):
@@ -192,7 +212,7 @@ def test_the_page_opens_with_the_sentence_and_escapes_whatever_files_say(diagnos
     assert " src=" not in page and 'rel="stylesheet"' not in page and "@import" not in page
     for text in (
         f"{100.0 * calibrated(0.97):.0f}\N{NO-BREAK SPACE}% probable",
-        "delay or amplifier-lag",
+        "delay or amplifier lag",
         "6.5 standard deviations",
         "<small>p = 1·10⁻⁹</small>",
         SHA,
@@ -221,8 +241,11 @@ def test_every_verdict_has_a_page(diagnosis, oscillator, tmp_path, verdict):
     )
     page = write_page(bare, oscillator, (), tmp_path)["index.html"].read_text(encoding="utf-8")
     assert f'<span class="verdict {verdict}">' in page
-    # where nothing is left to find nothing is advised
-    assert ("Next experiment: none is planned" in page) == (verdict != "consistent")
+    # what to do next is told with every verdict, also that the model can be used
+    steps = page[page.index("What to do next") :]
+    assert ("No experiment is planned" in steps) == (verdict == "unknown")
+    assert ("No plan of the bench is known" in steps) == (verdict == "ambiguous")
+    assert ("Use the model at" in steps) == (verdict == "consistent")
     assert ("follows tells what causes it" in page) == (verdict == "unknown")
 
 

@@ -161,6 +161,8 @@ def test_an_output_that_nothing_moves_does_not_water_the_gain_down(oscillator):
     assert found.rms_after == pytest.approx(1.0 / np.std(y[:, 0]), rel=0.03)
     assert found.rms_before == pytest.approx(np.sqrt(10.0) * found.rms_after, rel=0.03)
     assert found.noise_floor == pytest.approx(found.rms_after, rel=0.03)
+    # one output that moves: what holds for all holds for it
+    assert found.outputs[0].noise_floor == pytest.approx(found.noise_floor, rel=1e-12)
     assert [one.output for one in found.outputs] == ["moves"]
 
 

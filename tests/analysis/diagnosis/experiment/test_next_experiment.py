@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.answer.sentence import sentence
+from analysis.diagnosis.answer.words import effect_text
 from analysis.diagnosis.experiment.next_experiment import ENOUGH, LEAST, choose
 from analysis.diagnosis.result import Choice, NextExperiment
 from campaigns.plans import make_plan
@@ -59,9 +60,8 @@ def test_the_proposal_separates_what_the_old_record_could_not(tied):
     segments = list(make_plan(plan.test, plan.settings).segments(bench))
     assert max(np.max(np.abs(s.feedforward)) for s in segments) <= 1.1 * 0.02
     assert plan.duration_s == pytest.approx(sum(s.n_samples for s in segments) / 1000.0)
-    assert f"The plan {plan.test} would distinguish {CUBIC} from {CONSTANT}" in sentence(
-        "unknown", (), (), None, {}, choice
-    )
+    said = f"The plan {plan.test} would distinguish {effect_text(CUBIC)} from {effect_text(CONSTANT)}"
+    assert said in sentence("unknown", (), (), None, {}, choice)
 
 
 def test_what_is_done_is_not_proposed_again(tied):

@@ -29,7 +29,7 @@ def test_points_of_both_models_differ_in_mark_as_well_as_in_colour(tmp_path):
     _, drawn = diagnose_response(load_lines(table, model), model, table)
     (figure,) = bode_figures(drawn, model)
     below = [line for line in figure.canvas.axes[2].lines if line.get_linestyle() == "None"]
-    assert [line.get_label() for line in below] == ["noise", "adjusted", "extended"]
+    assert [line.get_label() for line in below] == ["noise floor", "adjusted", "extended"]
     assert len({line.get_marker() for line in below}) == len({line.get_color() for line in below}) == 3
 
 

@@ -13,6 +13,7 @@ from analysis.diagnosis.nominal.tuning import nuisances_of
 from analysis.diagnosis.pipeline import Options, diagnose
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.records.holding import with_held_out
+from analysis.diagnosis.result import NOTHING_ADDED
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import Screen
 from analysis.diagnosis.verdict import unlisted_alternative
@@ -127,3 +128,7 @@ def test_a_cause_that_is_left_out_is_not_shared_out_among_others() -> None:
     assert found.causes == ()
     named = diagnose(data, MODEL, Options())
     assert [cause.effect for cause in named.causes] == ["cubic-stiffness"], named.sentence
+    # the model as it is was compared as well, and is far behind
+    assert dict(named.considered)[NOTHING_ADDED] < min(-100.0, named.considered[0][1])
+    # no temperature was recorded, so none could have been seen to act
+    assert named.sensitivity and not any("thermal" in one.effect for one in named.sensitivity)
