@@ -25,7 +25,7 @@ from campaigns.progress import Report, unheard
 from campaigns.strategies.controller import AxisControl, Blocks, Controller, DesignedFor
 from campaigns.strategies.design import Design
 from sim_backend.bench import Limits
-from sim_backend.control.inversion import periodic_input
+from sim_backend.control.inversion import advanced, periodic_input
 from sim_backend.control.lqg import Noise
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import ModalModel
@@ -165,7 +165,8 @@ def _design_axis(
         feedback, learning = _loops(plants, noise.noise, sweep, options, price, rate)
     except ConfigError as error:
         raise ConfigError(f"axis '{dof}': {error}") from None
-    control = _control(dof, feedback, learning, price.move, options)
+    late = late_samples(plants, rate)
+    control = _control(dof, feedback, learning, price.move, options, rate, late)
     _require(dof, "3σ on the worst plant", float(feedback.three_sigma_rad.max()), STABILITY_RAD, "rad")
     _require(dof, "peak current", price.peak_a, float(limits.current_a), "A")
     time_s = np.arange(price.motion_rad.size) / rate
@@ -182,9 +183,8 @@ def _loops(
     """
     grid = frequency_grid(plants[0], rate_hz)
     # what opposes hysteresis in the drive is no error of the linear plants
-    drive = periodic_input(plants[0], price.motion_rad, rate_hz)
-    late = late_samples(plants, rate_hz)
-    motion = Motion.of(price.motion_rad, drive, round(price.allowed_s * rate_hz), late)
+    drive = advanced(periodic_input(plants[0], price.motion_rad, rate_hz), late_samples(plants, rate_hz))
+    motion = Motion.of(price.motion_rad, drive, round(price.allowed_s * rate_hz))
     bands = [cutoff for cutoff in CUTOFFS_HZ if cutoff >= price.cutoff_hz]
     found: list[tuple[FeedbackDesign, LearningDesign]] = []
     refused: list[ConfigError] = []
@@ -217,6 +217,8 @@ def _control(
     learning: LearningDesign,
     move: Move,
     options: Options,
+    rate_hz: float,
+    late: float,
 ) -> AxisControl:
     return AxisControl(
         dof=dof,
@@ -231,7 +233,7 @@ def _control(
         wait_s=WAIT_S,
         gains=list(learning.gains),
         shrinks_to=learning.shrinks_to,
-        late_samples=learning.late_samples,
+        late_samples=late,
     )
 
 

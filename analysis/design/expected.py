@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from analysis.design.uncertainty import MOST
 from sim_backend.control.blocks import DiscreteFilter
-from sim_backend.control.inversion import advanced
 from sim_backend.control.repetitive import process_sensitivity, q_response
 from sim_backend.linear import ModalModel, discretise
 
@@ -25,21 +24,17 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Motion:
-    """One period of a chop, all (n,): `reference` (rad), feed-forward `drive` (N m) and where its steps are over.
-
-    The feed-forward may be played any of `late_samples` earlier than for the model.
-    """
+    """One period of a chop, all (n,): `reference` (rad), feed-forward `drive` (N m) and where its steps are over."""
 
     reference: Array
     drive: Array
     after: NDArray[np.bool_]
-    late_samples: tuple[float, ...] = (0.0,)
 
     @classmethod
-    def of(cls, reference: Array, drive: Array, step_samples: int, late_samples: Sequence[float] = (0.0,)) -> Motion:
+    def of(cls, reference: Array, drive: Array, step_samples: int) -> Motion:
         """Return the period of `reference` and `drive` (n,): two moves, half of it apart, of `step_samples` at most."""
         half = reference.size // 2
-        return cls(reference, drive, np.arange(reference.size) % half >= step_samples, tuple(late_samples))
+        return cls(reference, drive, np.arange(reference.size) % half >= step_samples)
 
 
 @dataclass(frozen=True)
@@ -81,20 +76,20 @@ class Learned:
         at = np.maximum(self._f, 1e-3 * self._f[1])
         responses = np.stack([discretise(plant, rate).frequency_response(at)[:, 0, 0] for plant in plants])
         self._process = process_sensitivity(responses, controller.frequency_response(at))
-        self._undriven = self._process * np.fft.rfft(motion.reference) / responses
+        wanted, driven = np.fft.rfft(motion.reference), np.fft.rfft(motion.drive)
+        self._first = self._process * (wanted / responses - driven)
         self._ahead = np.exp(2j * np.pi * self._f / rate * lead) * learning.frequency_response(at)
         self._motion, self._rate = motion, rate
 
-    def expected(self, taps: Sequence[float], gains: Sequence[float], late_samples: float) -> Expected:
-        """Return the errors with the low pass `taps`, a period with each of `gains`, and a feed-forward so early."""
+    def expected(self, taps: Sequence[float], gains: Sequence[float]) -> Expected:
+        """Return the errors with the low pass `taps` and a period with each of `gains`."""
         q = q_response(taps, self._f, self._rate)
-        first = self._undriven - self._process * np.fft.rfft(advanced(self._motion.drive, late_samples))
-        learned, error = np.zeros_like(first), first
+        learned, error = np.zeros_like(self._first), self._first
         rms, after = [], []
         for gain in (None, *gains):
             if gain is not None:
                 learned = q * (learned + gain * self._ahead * error)
-                error = first - self._process * learned
+                error = self._first - self._process * learned
             course = np.fft.irfft(error, self._motion.reference.size, axis=-1)
             rms.append(np.sqrt(np.mean(course**2, axis=-1)))
             after.append(np.max(np.abs(course[:, self._motion.after]), axis=-1))

@@ -62,7 +62,7 @@ def _convergence(designed: Designed) -> Canvas:
     canvas = _grid(
         designed,
         "Convergence of learning",
-        "What an error shrinks to in one period with the first gain, by frequency: on the identified plant, on the "
+        "What an error shrinks to in one period with the steady gain, by frequency: on the identified plant, on the "
         "worst drawn one, and at the measured lines with their 2σ bound. Above 1 it grows.",
     )
     for i, one in enumerate(designed.axes):

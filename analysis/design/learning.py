@@ -42,7 +42,7 @@ LEAST = 0.5
 """Part of the plants that must settle, or the design is refused."""
 
 OFF = 0.25
-"""How far a real error may be off the predicted one, relatively: plants have neither hysteresis nor noise. (Assumed.)"""
+"""How far a real error may be off the predicted one, relatively: plants have neither hysteresis nor noise. Assumed."""
 
 QUICK = 2
 """Periods after which no plant should stray any more: the bench is stopped where it does (`strategies.watch`)."""
@@ -54,13 +54,14 @@ LEAD_S = 0.001
 TRUSTED, FADING = 1500.0, 2500.0
 """Up to where in Hz the inverse has to fit, and from where on it hardly matters: Q has long closed there."""
 
-FIRST_GAINS = (0.7, 0.6, 0.5)
-"""Parts of the error that may be learned from at first: where a sharp mode is not where the model has it, or the bench
-late, the inverse is too large or turned, and the whole of it would make the error grow."""
+QUICK_GAINS, STEADY_GAINS = (0.9, 0.8), (0.6, 0.5)
+"""Parts of the error that may be learned from in the first QUICK periods, and in the next. Where a sharp mode is not
+where the model has it, or the bench late, the inverse is too large or turned, and the whole of it would make the error
+grow there: for some periods, which take most of a large error elsewhere, but not for long."""
 
 FULL = 6.0
-"""Periods that learn with the first gain, times this gain. What is left of the beginning, half a milliradian on a bench
-that is late, then only falls as one over the number of periods."""
+"""Periods that learn with the steady gain, times this gain. What is left of the beginning, half a milliradian on a
+bench that is late, then only falls as one over the number of periods."""
 
 WAIT_S = 0.2
 """Time before learning begins, a period at least: until then a bench that is late strays after its steps, and the
@@ -71,11 +72,10 @@ ringing of a cryostat mode of 9 s⁻¹ falls to a sixth in it."""
 class LearningDesign:
     """The learning of one axis.
 
-    `factor` (n_f,) at `frequency_hz` is by how much an error shrinks per period on the identified plant with the first
+    `factor` (n_f,) at `frequency_hz` is by how much an error shrinks per period on the identified plant with the steady
     gain, `worst` (n_f,) on the worst drawn one. `lines_hz`, `at_lines` and `at_lines_worst` are the same from the
     measured response and its 2σ bound, None where no sweep was given. `expected` are the errors of a chop on every
-    plant that begins with a feed-forward for a bench `late_samples` after the model, `grown` the part of an error that
-    all periods together leave at any frequency, on most plants.
+    plant, `grown` the part of an error that all periods together leave at any frequency, on most plants.
     """
 
     filter: DiscreteFilter
@@ -83,7 +83,6 @@ class LearningDesign:
     cutoff_hz: float
     half_length: int
     gains: tuple[float, ...]
-    late_samples: float
     frequency_hz: Array
     factor: Array
     worst: Array
@@ -149,14 +148,17 @@ class LearningDesign:
         return q_taps(self.cutoff_hz, self.half_length, self.filter.rate_hz)
 
 
-def averaging_gains(count: int, first: float = 1.0) -> tuple[float, ...]:
+def averaging_gains(count: int, steady: float = 1.0, quick: float = 1.0) -> tuple[float, ...]:
     """Return gains that take a part of the error some times and then average: 1, …, 1, 1/2, 1/3 and so on.
 
-    With gain 1/n the learned input becomes the mean of n noisy estimates, whose noise falls with the root of n. An
-    input learned with a gain g is the mean of 1/g of them already.
+    The first QUICK of them are `quick`, or fewer where there are no more than twice as many. With gain 1/n the learned
+    input becomes the mean of n noisy estimates, whose noise falls with the root of n. An input learned with a gain g is
+    the mean of 1/g of them already.
     """
-    full = min(round(FULL / first), count)
-    return (*(first for _ in range(full)), *(1.0 / (1.0 / first + n) for n in range(1, count - full + 1)))
+    early = min(QUICK, count // 2)
+    full = min(round(FULL / steady), count) - early
+    averaging = (1.0 / (1.0 / steady + n) for n in range(1, count - early - full + 1))
+    return (*(quick for _ in range(early)), *(steady for _ in range(full)), *averaging)
 
 
 def design_learning(
@@ -171,8 +173,7 @@ def design_learning(
     """Return the learning around `controller` that leaves least of the chop `motion`; the first plant is identified.
 
     `grid_hz` (n_f,) are the frequencies at which the error must not grow, `cutoffs_hz` the bands that may be learned,
-    which are tried with all first gains and all that the feed-forward may be early. Raises ConfigError when an error
-    may grow on too many plants, or too few settle.
+    which are tried with all gains. Raises ConfigError when an error may grow on too many plants, or too few settle.
     """
     rate = controller.rate_hz
     f = grid_hz[grid_hz >= 0.5]
@@ -197,8 +198,8 @@ def design_learning(
     learned = Learned(plants, controller, made, lead, motion)
     ahead = closed * (np.exp(2j * np.pi * f / rate * lead) * made.frequency_response(f))
     found: list[LearningDesign] = []
-    for cutoff_hz, gain, late in product(cutoffs_hz, FIRST_GAINS, motion.late_samples):
-        one = _Tried(made, lead, cutoff_hz, half, averaging_gains(periods, gain), late)
+    for cutoff_hz, steady, quick in product(cutoffs_hz, STEADY_GAINS, QUICK_GAINS):
+        one = _Tried(made, lead, cutoff_hz, half, averaging_gains(periods, steady, quick))
         at = (None, None, None) if sweep is None else _at_lines(sweep, controller, one)
         found.append(one.design(f, ahead, at, learned))
     best = min(found, key=LearningDesign.rank)
@@ -216,7 +217,11 @@ class _Tried:
     cutoff_hz: float
     half_length: int
     gains: tuple[float, ...]
-    late_samples: float
+
+    @property
+    def steady(self) -> float:
+        """The gain after the quick ones."""
+        return self.gains[min(QUICK, len(self.gains) // 2)]
 
     @cached_property
     def taps(self) -> tuple[float, ...]:
@@ -233,8 +238,8 @@ class _Tried:
         """Return it with what it does to plants of which z^lead S_p L is `ahead` (n, n_f), and `at` measured lines."""
         q = self.q(f)
         left = {gain: q * np.abs(1.0 - gain * ahead) for gain in set(self.gains)}
-        first = left[self.gains[0]]
-        whole = np.ones_like(first)
+        steady = left[self.steady]
+        whole = np.ones_like(steady)
         for gain in self.gains:
             whole *= left[gain]
         return LearningDesign(
@@ -243,14 +248,13 @@ class _Tried:
             cutoff_hz=self.cutoff_hz,
             half_length=self.half_length,
             gains=self.gains,
-            late_samples=self.late_samples,
             frequency_hz=f,
-            factor=first[0],
-            worst=first.max(axis=0),
+            factor=steady[0],
+            worst=steady.max(axis=0),
             lines_hz=at[0],
             at_lines=at[1],
             at_lines_worst=at[2],
-            expected=learned.expected(self.taps, self.gains, self.late_samples),
+            expected=learned.expected(self.taps, self.gains),
             grown=float(np.quantile(whole.max(axis=-1), MOST)),
         )
 
@@ -260,7 +264,7 @@ def _at_lines(sweep: Sweep, controller: DiscreteFilter, tried: _Tried) -> tuple[
 
     S_p = P/(1 + P C) changes by dP/(1 + P C)².
     """
-    f, rate, gain = sweep.frequency_hz, controller.rate_hz, tried.gains[0]
+    f, rate, gain = sweep.frequency_hz, controller.rate_hz, tried.steady
     k, q = controller.frequency_response(f), tried.q(sweep.frequency_hz)
     ahead = np.exp(2j * np.pi * f / rate * tried.lead_samples) * tried.filter.frequency_response(f)
     left = q * np.abs(1.0 - gain * process_sensitivity(sweep.response, k) * ahead)

@@ -18,9 +18,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.frequency.frf import FrequencyResponse, frequency_response_periodic
 from analysis.identification.axes import Axes, fit_axes
-from analysis.identification.between_samples import Between, fit_between_samples, response_freed
+from analysis.identification.between_samples import response_freed
 from analysis.identification.determined import without_undetermined
 from analysis.identification.from_sweeps import identify_sweeps
 from analysis.identification.growing_poles import curves_in_a_loop, remarks_on_growth
@@ -36,7 +35,7 @@ from analysis.identification.record_remarks import inputs_at_rest, is_stepped_si
 from analysis.identification.refined import refined
 from analysis.identification.response_curves import curves_of_periods
 from analysis.identification.response_fit import RationalFit
-from analysis.identification.swing import without_swing
+from analysis.identification.swing import settled_response
 from analysis.identification.taking_part import Parts, taking_part, with_all_channels
 from analysis.identification.timefit import TimeFit
 from analysis.identification.whole_delay import BEGINNING_ROWS, beginning
@@ -56,10 +55,6 @@ ROLES = ("input", "output")
 
 ORDERS = (1, 2, 3, 4, 5, 6)
 """Numbers of modes to choose from when none is given, for each input."""
-
-SWING_ROUNDS, FALLS = 3, 0.95
-"""How often the swing from a start is taken out with the modes of a better fit, and to which part of its power noise
-must fall for it."""
 
 MANY_ROWS = 50_000
 """Samples of a segment above which the number of modes is not chosen in time: each takes minutes, and nonlinear
@@ -158,7 +153,7 @@ def _from_periods(
 ) -> Identification:
     means = [x.mean(axis=(0, 3)) for x in (data.inputs, data.outputs)]
     bring_to_one_level(data)
-    settled, measured, chosen = _without_start(data, orders, equal_weights, report)
+    settled, measured, chosen = settled_response(data, orders, equal_weights, report)
     report(0.8, 1.0, "giving up modes that are not there")
     fit, lines, variance, held = chosen.fit, chosen.lines, chosen.variance, chosen.intersample == "held"
 
@@ -199,25 +194,6 @@ def _from_periods(
     return replace(found, noise_is_bound=settled is not data)
 
 
-def _without_start(
-    data: Realisations, orders: tuple[int, ...], equal_weights: bool, report: Report
-) -> tuple[Realisations, FrequencyResponse, Between]:
-    """Return the data without the swing from their start, their response, and what was fitted to it.
-
-    A response that holds a swing gives a frequency and a decay rate by which a part of it is left: so again, while
-    noise falls. Data that begin in steady state come back as they are.
-    """
-    used = data
-    for k in range(SWING_ROUNDS + 1):
-        measured, part = _measured(used), part_of(report, 0.8 * (1.0 - 0.5**k), 0.8 * (1.0 - 0.5 ** (k + 1)))
-        chosen = fit_between_samples(measured, data.rate_hz, orders, equal_weights=equal_weights, report=part)
-        settled = without_swing(data, chosen.fit.model) if k < SWING_ROUNDS else None
-        if settled is None or noise_power(settled).sum() > FALLS * noise_power(used).sum():
-            break
-        used = settled
-    return used, measured, chosen
-
-
 def _within_noise(fit: RationalFit) -> bool:
     """Tell whether the scatter of the lines explains what a fit misses, to three standard deviations."""
     return bool(fit.chi2 < fit.dof + 3.0 * np.sqrt(2.0 * fit.dof))
@@ -238,11 +214,6 @@ def _refined(fitted: Fitted, parts: Parts, rate_hz: float, structure: Structure,
     if fit is None:
         return fitted
     return fitted_by(fit, fitted.chi2, fitted.dof, np.array(fit.offsets), fitted.dropped)
-
-
-def _measured(data: Realisations) -> FrequencyResponse:
-    measured = frequency_response_periodic(data.inputs, data.outputs, data.rate_hz)
-    return replace(measured, output_noise=measured.output_noise * data.group)  # that of one period
 
 
 def _relative(level: Array, power: float) -> float | None:

@@ -12,13 +12,39 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.identification.realisations import Realisations
+from analysis.frequency.frf import FrequencyResponse, frequency_response_periodic
+from analysis.identification.between_samples import Between, fit_between_samples
+from analysis.identification.realisations import Realisations, noise_power
 from analysis.linear.simulate import simulate_linear
+from campaigns.progress import Report, part_of
 from sim_backend.linear import ModalModel, discretise
+
+ROUNDS, FALLS = 3, 0.95
+"""How often the swing from a start is taken out with the modes of a better fit, and to which part of its power noise
+must fall for it."""
 
 WORTH = 0.5
 """Part of the differences between periods, as power, that must go before the swing counts: noise has swings in it, too,
 a few numbers of very many."""
+
+
+def settled_response(
+    data: Realisations, orders: tuple[int, ...], equal_weights: bool, report: Report
+) -> tuple[Realisations, FrequencyResponse, Between]:
+    """Return the data without the swing from their start, their response, and what was fitted to it.
+
+    A response that holds a swing gives a frequency and a decay rate by which a part of it is left: so again, while
+    noise falls. Data that begin in steady state come back as they are.
+    """
+    used = data
+    for k in range(ROUNDS + 1):
+        measured, part = _measured(used), part_of(report, 0.8 * (1.0 - 0.5**k), 0.8 * (1.0 - 0.5 ** (k + 1)))
+        chosen = fit_between_samples(measured, data.rate_hz, orders, equal_weights=equal_weights, report=part)
+        settled = without_swing(data, chosen.fit.model) if k < ROUNDS else None
+        if settled is None or noise_power(settled).sum() > FALLS * noise_power(used).sum():
+            break
+        used = settled
+    return used, measured, chosen
 
 
 def without_swing(data: Realisations, model: ModalModel) -> Realisations | None:
@@ -51,3 +77,8 @@ def _free_swings(model: ModalModel, rows: int, rate_hz: float) -> np.ndarray:
     nothing = np.zeros((rows, model.n_inputs))
     units = np.eye(2 * model.n_blocks).reshape(-1, model.n_blocks, 2)
     return np.stack([simulate_linear(discrete, nothing, unit) for unit in units], axis=2)
+
+
+def _measured(data: Realisations) -> FrequencyResponse:
+    measured = frequency_response_periodic(data.inputs, data.outputs, data.rate_hz)
+    return replace(measured, output_noise=measured.output_noise * data.group)  # that of one period

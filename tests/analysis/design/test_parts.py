@@ -9,7 +9,7 @@ from scipy import signal
 from analysis.design.api import Options
 from analysis.design.expected import Motion
 from analysis.design.feedback import PEAK_DB, WORST_PEAK_DB, design_feedback, frequency_grid, largest_pole, three_sigma
-from analysis.design.learning import FIRST_GAINS, averaging_gains, design_learning
+from analysis.design.learning import QUICK_GAINS, STEADY_GAINS, averaging_gains, design_learning
 from analysis.design.moves import MARGIN, UNLEARNED, design_move
 from analysis.design.noise import measure_noise
 from analysis.design.price import affordable, price_curve
@@ -201,20 +201,23 @@ def motion():
 def test_gains_take_a_part_and_then_average():
     assert averaging_gains(9) == (*[1.0] * 6, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0)
     # what is learned with a half is a mean of two already
-    assert averaging_gains(15, 0.5) == (*[0.5] * 12, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0)
+    assert averaging_gains(15, 0.5, 0.5) == (*[0.5] * 12, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0)
+    assert averaging_gains(15, 0.5, 0.9) == (0.9, 0.9, *[0.5] * 10, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0)
+    assert averaging_gains(2, 0.5, 0.9) == (0.9, 0.5)
 
 
 def test_convergence_is_proven_at_the_measured_lines(plants, feedback, motion):
     grid = frequency_grid(plants[0], RATE_HZ)
     made = design_learning(plants, feedback.controller, grid, swept(plants[0], 0.001), 12, [1000.0], motion)
-    assert made.gains == averaging_gains(12, made.gains[0]) and made.gains[0] in FIRST_GAINS
+    quick, steady = made.gains[0], made.gains[2]
+    assert quick in QUICK_GAINS and steady in STEADY_GAINS and made.gains == averaging_gains(12, steady, quick)
     assert made.grown <= 1.0 and np.all(made.factor <= made.worst + 1e-12) and not made.refusal
     lines = made.lines_hz
     assert lines is not None and made.at_lines is not None and made.at_lines_worst is not None
     z = np.exp(2j * np.pi * lines / RATE_HZ)
     p = control.ss(*siso_matrices(discretise(plants[0], RATE_HZ)), [[0.0]], 1.0 / RATE_HZ)(z)
     k = control.ss(*feedback.controller.state_space(), 1.0 / RATE_HZ)(z)
-    learned = made.gains[0] * z**made.lead_samples * made.filter.frequency_response(lines)
+    learned = steady * z**made.lead_samples * made.filter.frequency_response(lines)
     left = 1.0 - p / (1.0 + p * k) * learned
     taps = np.array(made.taps)
     q = (np.exp(-2j * np.pi * np.outer(lines, np.arange(taps.size) - taps.size // 2) / RATE_HZ) @ taps).real
@@ -254,21 +257,6 @@ def test_errors_are_expected_as_a_simulated_loop_learns(plants, feedback, motion
         after.append(np.max(np.abs(error[motion.after])))
     # a hundredth of the band in which a chop has settled
     np.testing.assert_allclose(made.expected.after_rad[:, 3], after, rtol=1e-3, atol=0.01 * BAND_RAD)
-
-
-def test_of_all_that_a_feedforward_may_be_early_the_best_is_taken(plants, feedback, motion):
-    few, early = plants[:6], (0.0, 1.0, 2.0)
-    grid = frequency_grid(few[0], RATE_HZ)
-
-    def made(drive, late_samples):
-        own = Motion.of(motion.reference, drive, 50, late_samples)
-        return design_learning(few, feedback.controller, grid, None, 12, [1000.0], own)
-
-    alone = [made(motion.drive, (late,)) for late in early]
-    assert made(motion.drive, early).late_samples == min(alone, key=lambda one: one.rank()).late_samples
-    # what is played so much earlier, is
-    shifted = made(np.roll(motion.drive, -1), (0.0,))
-    np.testing.assert_allclose(alone[1].expected.rms_rad[0], shifted.expected.rms_rad[0], rtol=1e-9)
 
 
 def test_the_move_arrives_in_time_within_the_learned_band():

@@ -41,7 +41,7 @@ def test_values_come_in_si():
         # half a unit of 1 is half of it
         (text(ROW.replace("3.1", "1.0")), "at most 0.25 of its value: label it 'bound'"),
         (text(ROW.replace("3.1", "0.0")), "label it 'bound'"),
-        (text(ROW.replace("value", 'repeats = ["1", "b"], value')), "repeats ['1', 'b'], which is no row"),
+        (text(ROW.replace("value", 'repeats = ["1", "b"], value')), "repeats ['1', 'b'], which does not exist"),
         (text(ROW.replace("value", "valeu")), "valeu"),
         ("[table", "here"),
     ],
