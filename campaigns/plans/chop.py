@@ -13,8 +13,9 @@ from campaigns.sizes import samples_of, wave_samples
 from campaigns.strategies import check_strategy, promise_of, stages_of
 from campaigns.strategies.stages import Task, Tuning, learns, stage_segments
 from campaigns.strategies.watch import CYCLES_AT_ONCE, Watch
-from sim_backend.bench import Bench, Segment
+from sim_backend.bench import SIMULATED, Bench, Segment
 from sim_backend.errors import ConfigError
+from sim_backend.model import bundled_models
 
 if TYPE_CHECKING:
     from campaigns.strategies.design import Design
@@ -86,7 +87,9 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
         chopping = self.cycles * task.period
         self.require_run(bench, chopping, chopping / max(longest, task.period))
         design = self._design(rate)
-        if design.controller is not None:
+        if design.controller is None:
+            self._require_own_model(bench)
+        else:
             design.controller.require_bench(bench)
         for stage in stages_of(self.strategy, task, design):
             n_samples = chopping if stage.n_samples is None else stage.n_samples
@@ -99,6 +102,17 @@ class ChopPlan(Plan, frozen=True, kw_only=True):
         """Return what judges every cycle."""
         rate = rate_of(bench)
         return Watch(promise_of(self.strategy, self._task(bench, rate), self._design(rate)), bench)
+
+    def _require_own_model(self, bench: Bench) -> None:
+        """Raise ConfigError for a real bench that is another than the bundled model has the feedback for."""
+        who, bundled = bench.identity, bundled_models()
+        if who.kind in SIMULATED or who.name in bundled or self.model not in bundled:
+            return
+        raise ConfigError(
+            f"plan {self.name}: strategy '{self.strategy}' has a feedback tuned for the mirror of the bundled model "
+            f"'{self.model}', and this bench is '{who.name}': give the file of its own model (--model), or design a "
+            "controller from its logs (`mccd design`)"
+        )
 
     def _design(self, rate_hz: float) -> Design:
         from campaigns.strategies.design import Design  # brings all effects: only a plan that is counted needs them
