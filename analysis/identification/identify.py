@@ -102,10 +102,7 @@ def identify_runs(
     if periodic is not None:
         found = _from_periods(periodic, parts, orders, name, equal_weights, report)
     else:
-        if equal_weights:
-            told = (*told, "equal weights have no effect: no excitation of these records repeats")
-            tell(told[-1])
-        found = _from_free(fitting, parts, modes, name, report, tell)
+        found = _of_what_takes_part(fitting, parts, modes, name, equal_weights, report, tell)
     missed = remarks_on_misses(found.response, response_of_model(found.model))
     measured = found.response or tuple(curves_in_a_loop(fitting))
     grows = remarks_on_growth(found.model, measured)
@@ -118,17 +115,33 @@ def _require_whole(only: str, equal_weights: bool) -> None:
             raise ConfigError(f"{what} has no effect on stepped sines, which are fitted whole; leave it out")
 
 
-def _from_free(
-    fitting: Parts, parts: Parts, modes: int | Sequence[int] | None, name: str, report: Report, tell: Tell
+def _of_what_takes_part(
+    fitting: Parts,
+    parts: Parts,
+    modes: int | Sequence[int] | None,
+    name: str,
+    equal_weights: bool,
+    report: Report,
+    tell: Tell,
 ) -> Identification:
-    """Fit what takes part of records of any excitation, and return it among all channels."""
+    """Fit what takes part of records of any excitation, and return it among all channels.
+
+    Periods that are too few to separate all inputs may separate those that move.
+    """
     some = taking_part(fitting, parts)
-    for remark in some.remarks:
+    orders, remarks = _orders([some.fitting[0][0]], modes), some.remarks
+    periodic = None if some.parts is parts or _in_a_known_loop(fitting) else realisations_of(some.fitting)
+    if periodic is None and equal_weights:
+        remarks = (*remarks, "equal weights have no effect: no excitation of these records repeats")
+    for remark in remarks:
         tell(remark)
-    orders = _orders([some.fitting[0][0]], modes)
-    fit = _from_spectra if too_long(some.fitting) else _from_records
-    found = with_all_channels(fit(some.fitting, some.parts, orders, name, report), *_ports(fitting[0][0]), fitting)
-    return replace(found, remarks=(*some.remarks, *found.remarks))
+    if periodic is not None:
+        found = _from_periods(periodic, some.parts, orders, name, equal_weights, report)
+    else:
+        fit = _from_spectra if too_long(some.fitting) else _from_records
+        found = fit(some.fitting, some.parts, orders, name, report)
+    found = with_all_channels(found, *_ports(fitting[0][0]), fitting)
+    return replace(found, remarks=(*remarks, *found.remarks))
 
 
 def _missing(runs: Sequence[Run]) -> str:

@@ -119,7 +119,9 @@ def parse_numbers(text: str, where: str) -> dict[str, PaperTable]:
     keys = {(key, n.key) for key, table in tables.items() for n in table.rows}
     for n in (n for table in tables.values() for n in table.rows):
         if n.repeats and n.repeats not in keys:
-            raise ConfigError(f"{where}: row '{n.key}' repeats {list(n.repeats)}, which does not exist; name table and key")
+            raise ConfigError(
+                f"{where}: row '{n.key}' repeats {list(n.repeats)}, which does not exist; name table and key"
+            )
     return {
         key: msgspec.structs.replace(
             table, rows=tuple(_complete(n, table, f"{where}: table {key}") for n in table.rows)

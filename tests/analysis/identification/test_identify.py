@@ -84,6 +84,17 @@ def test_multisines_give_all_axes_at_once_with_noise_and_held_out_error(tmp_path
             assert np.all(curve.noise_std < 0.1 * curve.magnitude)
 
 
+def test_periods_of_one_axis_are_enough_where_the_other_inputs_rest(tmp_path):
+    """One realisation separates one input, though the bench has three."""
+    settings = {"period_s": 1.0, "start_hz": 2.0, "stop_hz": 500.0, "realisations": 1, "transient_periods": 1}
+    path = record(tmp_path, "multisine", {**settings, "axes": ["theta_x"]})
+    found = identify(path, modes=1)
+    assert found.method.startswith("periodic")
+    (mode,) = found.modes
+    assert abs(mode["frequency_hz"] - MODES["theta_x"][0]) < 5 * mode["frequency_std_hz"] + 1e-5 * MODES["theta_x"][0]
+    assert [port.name for port in found.model.inputs] == list(INPUTS)
+
+
 def test_measured_response_is_written_once_as_a_table(tmp_path):
     settings = {"period_s": 1.0, "start_hz": 2.0, "stop_hz": 100.0, "realisations": 2, "transient_periods": 3}
     found, path = identify(record(tmp_path, "multisine", settings), modes=3), tmp_path / "response.csv"
