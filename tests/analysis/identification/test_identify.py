@@ -202,14 +202,14 @@ def from_rest(tmp_path, hardening, before=0):
     rate_hz, period, fine = 500.0, 500, 20
     at = np.arange(period) / period
     one = 15.0 * sum(np.cos(2 * np.pi * (k * at + rng.uniform())) for k in range(2, 60))
-    omega, decay, angle, speed, y = 2 * np.pi * 12.0, 1.1, 0.0, 0.0, []
+    omega, decay, angle, speed, angles = 2 * np.pi * 12.0, 1.1, 0.0, 0.0, []
     step_s = 1.0 / (rate_hz * fine)
     for u in np.tile(one, before + 4):
-        y.append(angle)
+        angles.append(angle)
         for _ in range(fine):  # symplectic Euler: its steps are short against the period of the mode
             speed += step_s * (u - 2.0 * decay * speed - omega**2 * (angle + hardening * angle**3))
             angle += step_s * speed
-    y = np.array(y[before * period :])
+    y = np.array(angles[before * period :])
     noise = 1e-3 * np.std(y[-period:])
     channels = [Signal("u", "N m", "input", "tilt", rate_hz), Signal("y", "rad", "output", "tilt", rate_hz)]
     path = tmp_path / f"from-rest-{hardening}-{before}.h5"
