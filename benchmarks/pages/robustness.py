@@ -20,7 +20,10 @@ def table(files: Sequence[Path]) -> str:
     lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
     for file in files:
         found = json.loads(file.read_text(encoding="utf-8"))
-        lines += [_line(file, found["spread"], name, s) for name, s in found["strategies"].items()]
+        drawn = link(file, _drawn(found["spread"]))
+        for name, s in found["strategies"].items():
+            lines.append(_line(drawn, name, s))
+            drawn = ""
     below = (
         f"*Safe*: never more than {UNSAFE_CYCLES} cycles in a row in which an axis is {1e6 * STRAY_RAD:.0f} µrad off "
         f"later than {1e3 * STEP_S:.0f} ms after its step began, or the power exceeds {POWER_W:g} W.\n"
@@ -29,15 +32,18 @@ def table(files: Sequence[Path]) -> str:
     return "\n".join([*lines, "", below]) + "\n"
 
 
-def _line(file: Path, spread: Any, name: str, s: dict[str, Any]) -> str:
-    drawn = (
-        f"modes within {100.0 * spread['far']:g} %" if "far" in spread else f"modes ± {100.0 * spread['frequency']:g} %"
-    )
+def _drawn(spread: Any) -> str:
+    if "far" in spread:
+        return f"modes within {100.0 * spread['far']:g} %"
+    return f"modes ± {100.0 * spread['frequency']:g} %"
+
+
+def _line(drawn: str, name: str, s: dict[str, Any]) -> str:
     low, high = (percent(max(end, 0.0)) for end in s["ci95"])
     met = f"{s['met']} of {s['of']} ({low}–{high} %)"
     times = ", ".join(_ms(s["worst"].get(f"settling {axis}")) for axis in ("theta_x", "theta_y"))
     stability = f"{1e6 * s['worst']['stability']:.3g} µrad"
-    return f"| {link(file, drawn)} | {name} | {met} | {s.get('safe', '–')} | {times} ms | {stability} |"
+    return f"| {drawn} | {name} | {met} | {s.get('safe', '–')} | {times} ms | {stability} |"
 
 
 def _ms(seconds: float | None) -> str:
