@@ -154,7 +154,7 @@ def _design_axis(
     rng: np.random.Generator,
 ) -> AxisDesign:
     rate, design, column = model.sample_rate_hz, Design(model, model.sample_rate_hz), list(axes).index(dof)
-    plants = drawn_plants(model, dof, options.tolerance, options.plants, rng)
+    plants = drawn_plants(model, dof, options.tolerance, options.plants, rng, options.reach_rad)
     noise = measure_noise(_quiet(rest, dof), plants[0], rate)
     try:
         curve = price_curve(design, dof, options.reach_rad, limits, column)

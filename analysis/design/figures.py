@@ -41,7 +41,8 @@ def _sensitivity(designed: Designed) -> Canvas:
     for i, one in enumerate(designed.axes):
         axes = canvas.panel(i, axis_text(one.dof), "frequency (Hz)", "|S| (dB)")
         rng = np.random.default_rng(options.seed)
-        plants = drawn_plants(designed.controller.model, one.dof, options.tolerance, options.plants, rng)
+        model, reach_rad = designed.controller.model, options.reach_rad
+        plants = drawn_plants(model, one.dof, options.tolerance, options.plants, rng, reach_rad)
         rate = designed.controller.sample_rate_hz
         f = frequency_grid(plants[0], rate)
         f = f[f >= 0.5]

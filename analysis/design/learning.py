@@ -54,10 +54,11 @@ LEAD_S = 0.001
 TRUSTED, FADING = 1500.0, 2500.0
 """Up to where in Hz the inverse has to fit, and from where on it hardly matters: Q has long closed there."""
 
-QUICK_GAINS, STEADY_GAINS = (0.9, 0.8), (0.6, 0.5)
+QUICK_GAINS, STEADY_GAINS = (0.7, 0.8, 0.9), (0.5, 0.6)
 """Parts of the error that may be learned from in the first QUICK periods, and in the next. Where a sharp mode is not
 where the model has it, or the bench late, the inverse is too large or turned, and the whole of it would make the error
-grow there: for some periods, which take most of a large error elsewhere, but not for long."""
+grow there: for some periods, which take most of a large error elsewhere, but not for long. Of gains that are as good
+the smallest are taken: a bench whose stiffness follows its angle is off as well."""
 
 FULL = 6.0
 """Periods that learn with the steady gain, times this gain. What is left of the beginning, half a milliradian on a
@@ -139,8 +140,8 @@ class LearningDesign:
         return float(np.mean(np.clip(0.5 + (1.0 - nearest) / (2.0 * OFF), 0.0, 1.0)))
 
     def rank(self) -> tuple[bool, float]:
-        """Return what a learning is chosen by: it may be played, and most plants are likely to meet what is asked."""
-        return bool(self.refusal), -self.likely
+        """Return what a learning is chosen by: it may be played, and most plants are likely to meet, to a per cent."""
+        return bool(self.refusal), -round(self.likely, 2)
 
     @property
     def taps(self) -> tuple[float, ...]:

@@ -11,6 +11,8 @@ import scipy
 from numpy.typing import NDArray
 
 from campaigns.strategies.design import Design
+from campaigns.strategies.designed import structural
+from sim_backend.along import torque_along
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel
 from sim_backend.model import Model, Quantity, Value
@@ -29,6 +31,12 @@ LATE_SHARE = 0.875
 """Part of the middle of all delays for which a feed-forward is made. The identified bench and the latest then stray
 alike, 48 and 50 µrad after two periods of learning: the learning filter is late by the mean delay, and so errs less on
 late ones."""
+
+PATH_SAMPLES = 1001
+"""Of the path along which the slope of a torque is taken."""
+
+SOFTEST = -0.9
+"""A mode loses no more of its stiffness than this part: beyond it there is no position to hold."""
 
 SLOWEST_AMPLIFIER_HZ = 1000.0
 """Corner of the slowest amplifier that a model without a lag may have left out. It delays by its time constant; that it
@@ -56,14 +64,15 @@ class Tolerance:
 
 
 def drawn_plants(
-    model: Model, dof: str, tolerance: Tolerance, count: int, rng: np.random.Generator
+    model: Model, dof: str, tolerance: Tolerance, count: int, rng: np.random.Generator, reach_rad: float = 0.0
 ) -> list[ModalModel]:
     """Return `count` plants of one axis, the identified one first: stated scatter Gaussian, tolerances uniform.
 
     A pair of real poles stands for an amplifier or the like, not for a mode: of its frequency, damping and
     participation the file states what each alone is known to, which together is far better. Both poles move by the
     tolerance of damping instead, at the same gain at rest. Delays differ by `LATE_SAMPLES`; where the model has neither
-    delay nor lag, by that of an amplifier of `SLOWEST_AMPLIFIER_HZ` more, later alone.
+    delay nor lag, by that of an amplifier of `SLOWEST_AMPLIFIER_HZ` more, later alone. The strongest mode has any
+    stiffness that the model's effects give it up to `reach_rad`.
     """
     nominal = Design(model, model.sample_rate_hz).axis(dof)
     stated = _stated(model, dof, nominal)
@@ -76,8 +85,9 @@ def drawn_plants(
     )
     plants = [nominal]
     # spread evenly: the latest decide what may be learned, and a hundred drawn at random may hold none of them
-    evenly = scipy.stats.qmc.Sobol(2, rng=rng).random_base2(math.ceil(math.log2(count)))
-    for late in evenly[: count - 1]:
+    evenly = scipy.stats.qmc.Sobol(3, rng=rng).random_base2(math.ceil(math.log2(count)))
+    stiffer = _stiffer(model, dof, nominal, tolerance, reach_rad)
+    for *late, there in evenly[: count - 1]:
         m = nominal.n_blocks
         frequency, damping, gain = (
             1.0 + np.where(rings, own, 0.0) * rng.standard_normal(m) + most * rng.uniform(-1.0, 1.0, m)
@@ -87,14 +97,35 @@ def drawn_plants(
         gain = np.where(rings, gain, gain * frequency**2)
         plants.append(
             nominal.with_(
-                omega_rad_s=nominal.omega_rad_s * frequency,
+                omega_rad_s=nominal.omega_rad_s * frequency * np.sqrt(1.0 + there * stiffer),
                 sigma_1_s=nominal.sigma_1_s * np.maximum(damping, 0.1),
                 c=nominal.c * gain,
                 c_rate=nominal.c_rate * gain,
-                delay_s=_delays(nominal, bool(np.all(rings)), model.sample_rate_hz, late),
+                delay_s=_delays(nominal, bool(np.all(rings)), model.sample_rate_hz, np.array(late)),
             )
         )
     return plants
+
+
+def _stiffer(model: Model, dof: str, plant: ModalModel, tolerance: Tolerance, reach_rad: float) -> Array:
+    """Return by which part the effects of a model raise the stiffness of each mode (m,) between rest and `reach_rad`.
+
+    Only that of the strongest mode is raised, by the slope of the torque along a slow path; by nothing where the
+    tolerance of its frequency allows as much.
+    """
+    path = np.linspace(0.0, reach_rad, PATH_SAMPLES)
+    share = plant.b[:, 0] * plant.c[0] / np.maximum(plant.omega_rad_s, np.finfo(float).tiny) ** 2
+    raised = np.zeros(share.size)
+    if reach_rad > 0.0:
+        torque = sum(
+            (torque_along(entry, path, model.sample_rate_hz) for entry in structural(model, dof)), np.zeros(path.size)
+        )
+        slope = np.gradient(torque, path)
+        strongest = int(np.argmax(np.abs(share)))
+        part = float(share[strongest] * (slope[0] - slope[-1]))
+        if abs(part) > 2.0 * (tolerance.frequency + tolerance.suspension):
+            raised[strongest] = max(part, SOFTEST)
+    return raised
 
 
 def late_samples(plants: Sequence[ModalModel], rate_hz: float) -> float:

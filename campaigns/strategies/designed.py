@@ -29,6 +29,7 @@ from sim_backend.effects import Site, effect_class
 from sim_backend.effects.base import Aux
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel, discretise
+from sim_backend.model import EffectEntry, Model
 
 Array = NDArray[np.float64]
 Knowledge = Literal["linear", "modes", "hysteresis", "learned"]
@@ -93,11 +94,15 @@ def feedforward_of(design: Design, dof: str, motion: Array, knowledge: Knowledge
     if known < get_args(Knowledge).index("hysteresis"):
         return drive
     path = np.tile(motion, MAGNETISING_PERIODS)
-    for entry in design.model.effects:
-        effect = effect_class(entry.effect)
-        if entry.where == dof and effect.site is Site.STRUCTURE and effect.aux is Aux.NONE:
-            drive = drive - torque_along(entry, path, design.rate_hz)[-motion.size :]
+    for entry in structural(design.model, dof):
+        drive = drive - torque_along(entry, path, design.rate_hz)[-motion.size :]
     return drive
+
+
+def structural(model: Model, dof: str) -> list[EffectEntry]:
+    """Return the effects of a model whose torque follows from the motion of an axis alone."""
+    kinds = [(entry, effect_class(entry.effect)) for entry in model.effects if entry.where == dof]
+    return [entry for entry, kind in kinds if kind.site is Site.STRUCTURE and kind.aux is Aux.NONE]
 
 
 def mechanism(plant: ModalModel) -> ModalModel:

@@ -122,10 +122,13 @@ class Slopes:
             return None
         weights = np.einsum("ij,ij->j", jacobian, jacobian) * (x - before)  # no unit of a parameter counts
         length = float(weights @ (x - before))
-        corrected = jacobian + np.outer(missed, weights / length) if length > 0.0 else jacobian.copy()
+        if length > 0.0:
+            # in place: of a long record the columns are hundreds of megabytes, which the system would fill with zeros
+            for column, weight in zip(jacobian.T, weights / length, strict=True):
+                column += missed * weight
         if astray:
-            self._fill(corrected, range(len(self._problem.setting.nuisances), x.size), x, at)
-        return corrected
+            self._fill(jacobian, range(len(self._problem.setting.nuisances), x.size), x, at)
+        return jacobian
 
     def _hard(self) -> list[int]:
         """Return the numbers of the nuisances whose columns are simulated, those of modes that an effect acts on."""
@@ -135,7 +138,7 @@ class Slopes:
     def _at(self, x: Array, at: Point) -> Array:
         n_nuisances = len(self._problem.setting.nuisances)
         columns = np.empty((x.size, at.stacked.size)).T  # a column is one stretch of memory, as it is computed
-        columns[:, :n_nuisances] = self._nuisances(x, at)
+        self._fill_nuisances(columns[:, :n_nuisances], x, at)
         self._fill(columns, range(n_nuisances, x.size), x, at)
         return columns
 
@@ -153,11 +156,11 @@ class Slopes:
         for _ in side_by_side(fill, together(which), workers=self._problem.setting.workers):
             pass
 
-    def _nuisances(self, x: Array, at: Point) -> Array:
-        """Return the nuisances' columns: with torques held, or from simulations for modes that an effect acts on."""
+    def _fill_nuisances(self, columns: Array, x: Array, at: Point) -> None:
+        """Fill the nuisances' columns: with torques held, or from simulations for modes that an effect acts on."""
         problem, s = self._problem, self._problem.setting
         n_nuisances = len(s.nuisances)
-        columns = np.zeros((n_nuisances, at.stacked.size)).T
+        columns[:] = 0.0
         hard = self._hard()
         easy = [i for i in range(n_nuisances) if i not in hard]
         if easy:
@@ -167,7 +170,6 @@ class Slopes:
                 columns[:rows, i] = -column
             columns[rows:, easy] = problem.root[:, easy]
         self._fill(columns, hard, x, at)
-        return columns
 
     def _moved(self, x: Array, at: Point, nuisances: list[Nuisance]) -> list[Array]:
         """Return the outputs' changes per unit of `nuisances`, (n, n_y, k) per record, with no effect simulated."""
