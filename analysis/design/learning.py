@@ -140,8 +140,8 @@ class LearningDesign:
         return float(np.mean(np.clip(0.5 + (1.0 - nearest) / (2.0 * OFF), 0.0, 1.0)))
 
     def rank(self) -> tuple[bool, float]:
-        """Return what a learning is chosen by: it may be played, and most plants are likely to meet, to a per cent."""
-        return bool(self.refusal), -round(self.likely, 2)
+        """Return what a learning is chosen by: it may be played, and most plants are likely to meet what is asked."""
+        return bool(self.refusal), -self.likely
 
     @property
     def taps(self) -> tuple[float, ...]:
