@@ -54,11 +54,10 @@ LEAD_S = 0.001
 TRUSTED, FADING = 1500.0, 2500.0
 """Up to where in Hz the inverse has to fit, and from where on it hardly matters: Q has long closed there."""
 
-QUICK_GAINS, STEADY_GAINS = (0.7, 0.8, 0.9), (0.5, 0.6)
-"""Parts of the error that may be learned from in the first QUICK periods, and in the next. Where a sharp mode is not
-where the model has it, or the bench late, the inverse is too large or turned, and the whole of it would make the error
-grow there: for some periods, which take most of a large error elsewhere, but not for long. Of gains that are as good
-the smallest are taken: a bench whose stiffness follows its angle is off as well."""
+QUICK_GAIN, STEADY_GAINS = 0.9, (0.5, 0.6)
+"""Parts of the error that are learned from in the first QUICK periods, and may be in the next. Where a sharp mode is
+not where the model has it, or the bench late, the inverse is too large or turned, and the whole of it makes the error
+grow there: for two periods, which take most of a large error elsewhere, but not for long."""
 
 FULL = 6.0
 """Periods that learn with the steady gain, times this gain. What is left of the beginning, half a milliradian on a
@@ -174,7 +173,8 @@ def design_learning(
     """Return the learning around `controller` that leaves least of the chop `motion`; the first plant is identified.
 
     `grid_hz` (n_f,) are the frequencies at which the error must not grow, `cutoffs_hz` the bands that may be learned,
-    which are tried with all gains. Raises ConfigError when an error may grow on too many plants, or too few settle.
+    which are tried with all steady gains. Raises ConfigError when an error may grow on too many plants, or too few
+    settle.
     """
     rate = controller.rate_hz
     f = grid_hz[grid_hz >= 0.5]
@@ -199,8 +199,8 @@ def design_learning(
     learned = Learned(plants, controller, made, lead, motion)
     ahead = closed * (np.exp(2j * np.pi * f / rate * lead) * made.frequency_response(f))
     found: list[LearningDesign] = []
-    for cutoff_hz, steady, quick in product(cutoffs_hz, STEADY_GAINS, QUICK_GAINS):
-        one = _Tried(made, lead, cutoff_hz, half, averaging_gains(periods, steady, quick))
+    for cutoff_hz, steady in product(cutoffs_hz, STEADY_GAINS):
+        one = _Tried(made, lead, cutoff_hz, half, averaging_gains(periods, steady, QUICK_GAIN))
         at = (None, None, None) if sweep is None else _at_lines(sweep, controller, one)
         found.append(one.design(f, ahead, at, learned))
     best = min(found, key=LearningDesign.rank)
