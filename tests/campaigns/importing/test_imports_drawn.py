@@ -8,7 +8,7 @@ from multiprocessing import get_context
 import pytest
 
 from benchmarks.drawn_records import FLAWS, FORMS, REFUSED
-from benchmarks.soak_imports import NO_FLAW, count, main
+from benchmarks.soak_imports import NO_FLAW, count, count_forked, main
 from campaigns.importing.record import to_si
 from sim_backend.errors import DataError
 
@@ -22,7 +22,7 @@ def check(cases: int, start: int) -> None:
     In a process of its own: a reader is forked for each record, which takes as long as the process is large.
     """
     with ProcessPoolExecutor(1, get_context("spawn")) as alone:
-        found = alone.submit(count, cases, start).result()
+        found = alone.submit(count_forked, cases, start).result()
     assert set(found) == set(FORMS)
     for form, tally in found.items():
         assert tally.total() >= cases, form
