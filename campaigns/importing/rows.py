@@ -15,7 +15,7 @@ from campaigns.importing.dialect import Dialect, blocks_of, cells_of, lines_of, 
 from campaigns.log.guard import first_line
 from sim_backend.errors import DataError
 
-_BLANK = np.isin(np.arange(128), [ord(c) for c in map(chr, range(128)) if c.isspace()])
+_BLANK = np.array([chr(code).isspace() for code in range(128)])
 """Which of the characters of ASCII are blanks."""
 
 

@@ -128,7 +128,7 @@ class TextSource:
     def cell(self, name: str, row: int) -> str:
         """Return the text of a column's cell in a row of the data, from 0; raises DataError as `array` does."""
         columns = self._columns(name) or []
-        return cells_of(self._rows.row(row)[1], self.dialect.separator)[columns[0]].strip()
+        return cells_of(self._rows.row(row)[1], self.dialect.separator)[columns[0]]
 
     def _frames_of_numbers(self, index: int) -> Iterator[NDArray[np.float64]]:
         """Yield a column some rows at a time, not-a-number where a cell does not hold a finite number."""

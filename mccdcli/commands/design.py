@@ -162,9 +162,11 @@ def _add_rest(runs: list[Run], stack: ExitStack, plan: Plan, bench: str, folder:
 
 def _holds_rest(given: Sequence[Path], plan: Plan) -> bool:
     """Tell whether one of the logs is of the bench at rest."""
-    for path in given:
-        from campaigns.log import read_run  # what is only counted needs no logs
+    if not given:  # then counting needs nothing that reads logs
+        return False
+    from campaigns.log import read_run
 
+    for path in given:
         with read_run(path) as run:
             if run.header.test == plan.name:
                 return True

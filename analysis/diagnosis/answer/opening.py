@@ -85,14 +85,14 @@ def opening_figure(
         canvas.line(0, label, *thinned(time_s, (y - left) * size, MOST_POINTS), color=colour, linewidth=1.0)
     _within(canvas.axes[0], (float(y.min()) - seen) * size, (float(y.max()) + seen) * size)
     parts = [(curves[:-1], most), (curves[-1:], least)] if apart else [(curves, most)]
-    for i, (own, reach) in enumerate(parts, start=1):
-        factor, small = scaled(reach, port.unit)
+    for i, (own, largest) in enumerate(parts, start=1):
+        factor, small = scaled(largest, port.unit)
         canvas.panel(i, "", "time in the segment (s)" if i == len(parts) else "", f"residual ({small})")
         for label, left, colour in own:
             canvas.line(i, label, *thinned(time_s, left * factor, MOST_POINTS), color=colour, linewidth=0.9)
         if i == len(parts):
             canvas.band(i, -two_sigma * factor, two_sigma * factor, "noise floor, ±2σ")
-        _within(canvas.axes[i], -1.1 * reach * factor, 1.1 * reach * factor)
+        _within(canvas.axes[i], -1.1 * largest * factor, 1.1 * largest * factor)
     canvas.legend_outside()
     unseen = ", which no fit has seen" if place.window.held_out else ""
     where = "the extended model gains most on the adjusted one" if found else "the adjusted model misses most"
