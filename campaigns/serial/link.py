@@ -253,7 +253,8 @@ class Link:
         if not self._open:
             self.open()
         try:
-            answer = self.exchange(text, payload)
+            # no sign of life behind a payload: where bytes of it were lost, it would be taken for them
+            answer = self.exchange(text, payload, beats=not payload)
             if answer is None:
                 self.retries += 1
             return None if answer is None else _accepted(answer)
@@ -265,15 +266,23 @@ class Link:
             self._lock(time.monotonic() + TRIES * self._answer_s(0))
         return None
 
-    def exchange(self, text: str, payload: bytes = b"") -> str | None:
-        """Send a request once and return the answer with its tag, None when none comes in time."""
+    def exchange(self, text: str, payload: bytes = b"", *, beats: bool = False) -> str | None:
+        """Send a request once and return the answer with its tag, None when none comes in time.
+
+        With `beats` the bench is told meanwhile that this host lives, for the request may have been lost.
+        """
         tag = self._next_tag()
         answer_s = self._answer_s(len(payload))
         end_s, heard = time.monotonic() + answer_s, 0
         self._transport.write(encode_line(text, tag) + payload, answer_s)
         self._beaten_s = time.monotonic()
-        while (left_s := end_s - time.monotonic()) > 0:
-            data = self._transport.read(left_s)
+        left_s = answer_s
+        while left_s > 0.0:
+            # the last look waits for nothing: what came in while this process waited for its turn is still taken
+            left_s = max(end_s - time.monotonic(), 0.0)
+            if beats:
+                self.beat()
+            data = self._transport.read(min(left_s, BEAT_S) if beats else left_s)
             self._receiver.feed(data)
             heard += len(data)
             if heard > _MOST_BYTES:

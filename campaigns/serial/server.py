@@ -49,6 +49,28 @@ _BUSY_S, _PATIENCE_S = 0.001, 0.05
 _GONE_S = 0.2
 """A dropped terminal stays away for so long, as an adapter that is pulled and put back."""
 
+_AWAY_S = 0.25
+"""What counts at most of a time in which this process had no turn, five times as long as it ever waits by itself."""
+
+
+class Clock:
+    """Seconds that the server has lived through.
+
+    A controller on a bench never waits for its turn; a process on a busy machine may, for seconds. What a host has
+    sent meanwhile lies unread, so that counting them would trip the watchdog on a host that was not silent.
+    """
+
+    def __init__(self) -> None:
+        self._seen_s = time.monotonic()
+        self._lived_s = 0.0
+
+    def now_s(self) -> float:
+        """Return the time; between two questions it grows by _AWAY_S at most."""
+        seen_s = time.monotonic()
+        self._lived_s += min(seen_s - self._seen_s, _AWAY_S)
+        self._seen_s = seen_s
+        return self._lived_s
+
 
 class Throttle:
     """How many bytes a line of `baud` lets pass by now; None means no limit."""
@@ -213,12 +235,13 @@ class Server:
         ]
         self._connections: list[Connection] = []
         self._selector = selectors.DefaultSelector()
+        self._clock = Clock()
         self._stalled_until_s = 0.0
         self._return_s = 0.0
         self._token = token
         self._remark = remark
         self._remarks = float(REMARKS)
-        self._remarked_s = time.monotonic()
+        self._remarked_s = self._clock.now_s()
         self._unsaid = 0
         self._stopping = False
 
@@ -260,7 +283,7 @@ class Server:
         for key, _ in self._selector.select(self._patience_s()):
             if key.data == "lifeline":
                 self._stopping = True
-        now_s = time.monotonic()
+        now_s = self._clock.now_s()
         self._firmware.tick(now_s)
         if now_s < self._stalled_until_s:
             return
@@ -311,7 +334,7 @@ class Server:
 
     def _patience_s(self) -> float:
         """How long to wait for bytes: hardly, while something else than they can make it necessary to act."""
-        now_s = time.monotonic()
+        now_s = self._clock.now_s()
         if now_s < self._stalled_until_s:
             time.sleep(min(self._stalled_until_s - now_s, _PATIENCE_S))  # the line may be readable all the while
         elif self._baud is not None:
@@ -337,7 +360,7 @@ class Server:
         self._hang_up(connection, now_s)
 
     def _told_of(self, channel: Channel) -> Callable[[str], None]:
-        return lambda why: self._tell(f"{channel.peer}: {why}", time.monotonic())
+        return lambda why: self._tell(f"{channel.peer}: {why}", self._clock.now_s())
 
     def _tell(self, what: str, now_s: float) -> None:
         """Make a remark, or count it where there were too many."""

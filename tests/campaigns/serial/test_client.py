@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -167,6 +169,32 @@ def test_a_host_that_is_silent_between_segments_is_told_so(serve: Serve) -> None
         assert served.state == "fault"
         with pytest.raises(HardwareError, match=r"segment 'b': .*watchdog: the host was silent"):
             bench.play(noise_segment("b", 10))
+
+
+def test_time_in_which_the_emulated_bench_had_no_turn_is_not_a_hosts_silence(
+    serve: Serve, started: None, model_path: str
+) -> None:
+    """A busy machine may keep its process waiting; what the host has sent meanwhile lies unread."""
+    served = serve(transport="tcp")
+    direct = SimBench(load_model(model_path), 5)
+    with client(served.address, watchdog_s=1.0) as bench:
+        first, second = loop_segments()[:2]
+        assert differences(bench.play(first), direct.play(first)) == []
+        process = served.process.process.pid
+        os.kill(process, signal.SIGSTOP)
+        threading.Timer(2.0, os.kill, (process, signal.SIGCONT)).start()
+        assert differences(bench.play(second), direct.play(second)) == []
+        assert bench.retries > 0
+
+
+def test_a_host_that_waits_for_a_lost_answer_is_not_silent(serve: Serve, model_path: str) -> None:
+    """Here and there a request is damaged, and its answer is waited for longer than the watchdog waits."""
+    served = serve(transport="tcp", faults="3/flip=1.5e-4")
+    direct = SimBench(load_model(model_path), 5)
+    with client(served.address, watchdog_s=0.7) as bench:
+        for segment in loop_segments()[:2]:
+            assert differences(bench.play(segment), direct.play(segment)) == []
+        assert bench.retries > 0
 
 
 def test_a_download_goes_on_where_the_line_was_lost(serve: Serve, model_path: str) -> None:
