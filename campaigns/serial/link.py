@@ -269,7 +269,7 @@ class Link:
     def exchange(self, text: str, payload: bytes = b"", *, beats: bool = False) -> str | None:
         """Send a request once and return the answer with its tag, None when none comes in time.
 
-        With `beats` the bench is told meanwhile that this host lives, for the request may have been lost.
+        With `beats` signs of life go out meanwhile, for the request may have been lost.
         """
         tag = self._next_tag()
         answer_s = self._answer_s(len(payload))
