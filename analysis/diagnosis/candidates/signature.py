@@ -12,15 +12,15 @@ gain would explain any residual: the nuisances are collinear with everything els
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import scipy
 
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.nominal.responses import coasting, played, response, simulate, stacked
+from analysis.diagnosis.nominal.responses import coasting, no_columns, played, response, simulate, stacked
 from analysis.diagnosis.records.dataset import Record
 from analysis.diagnosis.side_by_side import side_by_side
 from sim_backend import kernel, layout
@@ -81,6 +81,9 @@ class Candidate:
         return self.effect(self.where, **values, **self.given)
 
 
+Signal = Literal["u", "position", "sensed", "rate"]
+
+
 @dataclass(frozen=True)
 class Motion:
     """The measured motion of one record: `u` (n, n_u), `position` and `rate` (n, n_y), `residual` (n, n_y).
@@ -94,6 +97,20 @@ class Motion:
     rate: Array
     residual: Array
     temperature_k: Array | None
+    _kept: dict[object, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def along(self, what: Signal, read: Array) -> Array:
+        """Return one signal weighted by `read` (n_y,), (n,): hundreds of candidates ask for the same few."""
+        return self._once((what, read.tobytes()), lambda: getattr(self, what) @ read)
+
+    def at(self, what: Signal, channel: int) -> Array:
+        """Return one channel of a signal, (n,)."""
+        return self._once((what, channel), lambda: getattr(self, what)[:, channel])
+
+    def _once(self, key: object, made: Callable[[], Array]) -> Array:
+        if key not in self._kept:
+            self._kept[key] = np.ascontiguousarray(made())
+        return self._kept[key]
 
 
 def places_for(effect: type[Effect], places: Places) -> Iterable[str]:
@@ -167,23 +184,22 @@ def signature(
     if candidate.effect.site is Site.RECORD:
         return _of_record(candidate, places, motion, rate_hz)
     names = list(candidate.unit_sizes) or [""]
-    columns = []
-    for name in names:
+    out = no_columns(*motion.position.shape, len(names))
+    for k, name in enumerate(names):
         sizes = {n: (candidate.unit_sizes[n] if n == name else 0.0) for n in candidate.unit_sizes}
-        columns.append(_of_signal(candidate.made(sizes).in_run(run), linear, places, motion, rate_hz))
-    return stacked(columns)
+        _add_signal(candidate.made(sizes).in_run(run), linear, places, motion, rate_hz, out[:, :, k])
+    return out
 
 
-def _of_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motion, rate_hz: float) -> Array:
+def _add_signal(effect: Effect, linear: ModalModel, places: Places, motion: Motion, rate_hz: float, out: Array) -> None:
+    """Add to the outputs `out` (n, n_y) what one effect changes along a motion."""
     fx, _ = effects_of([effect], places)
     added = _added(effect, fx, motion, rate_hz)
     site, channel = _site_of(fx), int(fx.channel[0])
     if site in (Site.READING, Site.HEAD):
-        out = np.zeros(motion.position.shape)
-        out[:, channel] = added
-        return out
-    model = played(linear, rate_hz)
-    return response(model, added, channel, through_delay=site is Site.COMMAND)
+        out[:, channel] += added
+        return
+    response(played(linear, rate_hz), added, channel, through_delay=site is Site.COMMAND, out=out)
 
 
 def _site_of(fx: layout.Effects) -> Site:
@@ -202,16 +218,13 @@ def force_along(effect: Effect, places: Places, motion: Motion, rate_hz: float) 
 def _added(effect: Effect, fx: layout.Effects, motion: Motion, rate_hz: float) -> Array:
     """Return what an effect, alone in `fx`, adds at its location along a motion, (n,): signature before the plant."""
     reading = _site_of(fx) in (Site.READING, Site.HEAD)
-    seen = motion.sensed if reading else motion.position
-    signal = (seen if reading else motion.u)[:, int(fx.channel[0])]
-    position, speed = seen @ fx.read[0], motion.rate @ fx.read[0]
     added = np.empty(motion.position.shape[0])
     kernel.contribution_along(
         fx,
         0,
-        np.ascontiguousarray(signal),
-        np.ascontiguousarray(position),
-        np.ascontiguousarray(speed),
+        motion.at("sensed" if reading else "u", int(fx.channel[0])),
+        motion.along("sensed" if reading else "position", fx.read[0]),
+        motion.along("rate", fx.read[0]),
         _auxiliary(effect, int(fx.column[0]), motion),
         1.0 / rate_hz,
         added,
@@ -222,7 +235,7 @@ def _added(effect: Effect, fx: layout.Effects, motion: Motion, rate_hz: float) -
 def _of_record(candidate: Candidate, places: Places, motion: Motion, rate_hz: float) -> Array:
     o = places.outputs.index(candidate.where)
     values = np.ascontiguousarray(motion.sensed[:, o])
-    out = np.zeros((*motion.position.shape, max(len(candidate.unit_sizes), 1)))
+    out = no_columns(*motion.position.shape, max(len(candidate.unit_sizes), 1))
     for k, (name, unit) in enumerate(candidate.unit_sizes.items()):
         # a clock's error adds up over the record: a tenth of a sample at its end is still first order
         step = 0.1 / values.size
@@ -237,10 +250,9 @@ def _auxiliary(effect: Effect, column: int, motion: Motion) -> Array:
     if effect.aux is Aux.TEMPERATURE and motion.temperature_k is not None:
         return motion.temperature_k
     if effect.aux is Aux.SOURCE_COMMAND:
-        return np.ascontiguousarray(motion.u[:, column])
+        return motion.at("u", column)
     if effect.aux is Aux.SOURCE_POSITION:
-        seen = motion.sensed if effect.site in (Site.READING, Site.HEAD) else motion.position
-        return np.ascontiguousarray(seen[:, column])
+        return motion.at("sensed" if effect.site in (Site.READING, Site.HEAD) else "position", column)
     return np.zeros(motion.u.shape[0])
 
 

@@ -133,11 +133,11 @@ class Whitener:
 
     def apply(self, values: Array, output: int) -> Array:
         """Return `values` (n, k) of one output, whitened, same shape; their first samples have fewer before them."""
-        return np.asarray(self._filtered(values, output).T)
+        return np.asarray(self._filtered(values.T, output).T)
 
-    def _filtered(self, values: Array, output: int) -> Array:
-        """Return `values` (n, k), whitened, with time along the rows: (k, n)."""
-        series = np.ascontiguousarray(values.T)
+    def _filtered(self, series: Array, output: int) -> Array:
+        """Return `series` (k, n), whitened, same shape; time runs along the rows."""
+        series = np.ascontiguousarray(series)
         out = filtered(self.taps[output], series)
         begin = self._beginnings[output][: series.shape[1], : series.shape[1]]
         out[:, : begin.shape[0]] = series[:, : begin.shape[0]] @ begin.T
@@ -154,10 +154,16 @@ class Whitener:
         Each unbroken run of samples is transformed to the cosine basis, where a band's level is a plain factor. A few
         columns are filtered at a time, so that only the result takes memory beside `values`.
         """
-        out, runs = np.empty((values.shape[1], int(mask.sum()))), stretches_of(mask)
+        out = np.empty((values.shape[1], int(mask.sum())))
+        self.fill_rows(values.T, mask, output, out)
+        return out.T
+
+    def fill_rows(self, series: Array, mask: Mask, output: int, out: Array) -> None:
+        """Fill `out` (k, rows) with the rows of `series` (k, n), time along the rows of both."""
+        runs = stretches_of(mask)
         factors = [np.sqrt(self.band_levels(stop - start, output)) for start, stop in runs] if self.levels.size else []
-        for some in range(0, values.shape[1], TOGETHER):
-            white, first = self._filtered(values[:, some : some + TOGETHER], output), 0
+        for some in range(0, series.shape[0], TOGETHER):
+            white, first = self._filtered(series[some : some + TOGETHER], output), 0
             kept = out[some : some + TOGETHER]
             for k, (start, stop) in enumerate(runs):
                 part = white[:, start:stop]
@@ -166,7 +172,6 @@ class Whitener:
                     part[:, : factors[k].size] /= factors[k]
                 kept[:, first : first + stop - start] = part
                 first += stop - start
-        return out.T
 
     def band_of_rows(self, mask: Mask) -> Ints:
         """Return the band (rows,) of each coefficient that `rows` returns, -1 above all bands or without any."""

@@ -31,7 +31,10 @@ def _mode(a, b, c, f, start, scale, out):  # type: ignore[no-untyped-def]
 
 @njit
 def _propagate(a, b, c, d, f, out):  # type: ignore[no-untyped-def]
-    """Add to `out` (n, n_y) the response of all blocks to one input `f` (n,): b (m, 2), c (n_y, m, 2), d (n_y,)."""
+    """Add to `out` (n, n_y) the response of all blocks to one input `f` (n,): b (m, 2), c (n_y, m, 2), d (n_y,).
+
+    Outputs that do not move are not touched: memory that nobody has written costs nothing.
+    """
     n_y = out.shape[1]
     for i in range(n_y):
         if d[i] != 0.0:
@@ -41,9 +44,15 @@ def _propagate(a, b, c, d, f, out):  # type: ignore[no-untyped-def]
         if b[m, 0] == 0.0 and b[m, 1] == 0.0:
             continue
         a00, a01, a10, a11, b0, b1 = a[m, 0, 0], a[m, 0, 1], a[m, 1, 0], a[m, 1, 1], b[m, 0], b[m, 1]
+        moved = np.empty(n_y, np.int64)
+        n_moved = 0
+        for i in range(n_y):
+            if c[i, m, 0] != 0.0 or c[i, m, 1] != 0.0:
+                moved[n_moved] = i
+                n_moved += 1
         x0, x1 = 0.0, 0.0
         for k in range(f.size):
-            for i in range(n_y):
+            for i in moved[:n_moved]:
                 out[k, i] += c[i, m, 0] * x0 + c[i, m, 1] * x1
             force = f[k]
             x0, x1 = a00 * x0 + a01 * x1 + b0 * force, a10 * x0 + a11 * x1 + b1 * force
@@ -78,8 +87,10 @@ def driven_by(model: DiscreteModel, u: Array) -> Driven:
     return Driven(forces, b, np.concatenate([newer, model.d - newer], axis=1))
 
 
-def response(model: DiscreteModel, force: Array, input_index: int, *, through_delay: bool = False) -> Array:
-    """Return the outputs (n, n_y) to `force` (n,) at one input, from rest.
+def response(
+    model: DiscreteModel, force: Array, input_index: int, *, through_delay: bool = False, out: Array | None = None
+) -> Array:
+    """Return the outputs (n, n_y) to `force` (n,) at one input, from rest; added to `out` where it is given.
 
     A force on the structure does not pass the input's delay; a command does (`through_delay`).
     """
@@ -89,7 +100,7 @@ def response(model: DiscreteModel, force: Array, input_index: int, *, through_de
         late = None if model.late is None else model.late[:, :, one]
         alone = replace(model, b=driven.b, d=driven.d, delay_samples=model.delay_samples[one], late=late)
         driven = driven_by(alone, driven.forces)
-    out = np.zeros((force.size, model.c.shape[0]))
+    out = np.zeros((force.size, model.c.shape[0])) if out is None else out
     for j in range(driven.forces.shape[1]):
         b, d, f = (np.ascontiguousarray(x) for x in (driven.b[:, :, j], driven.d[:, j], driven.forces[:, j]))
         _propagate(model.a, b, model.c, d, f, out)
@@ -121,6 +132,11 @@ def contrast(there: DiscreteModel, back: DiscreteModel, u: Array, start: Array) 
     for model, sign in ((there, 1.0), (back, -1.0)):
         _mode(model.a[0], model.b[0], model.c[:, 0], u, start, sign, series.T)
     return series.T
+
+
+def no_columns(n: int, n_y: int, k: int) -> Array:
+    """Return columns of zeros (n, n_y, k), to be filled: each of each output is one stretch of memory."""
+    return np.zeros((k, n_y, n)).T
 
 
 def stacked(columns: Sequence[Array]) -> Array:

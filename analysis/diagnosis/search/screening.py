@@ -22,6 +22,8 @@ from sim_backend.linear import Array, ModalModel
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+_PIECE = 4096
+
 Noise = tuple[Whitener, tuple[Start, ...]]
 """A noise and, under it, the start bases of all records."""
 
@@ -178,7 +180,7 @@ def _products(
     energies = np.zeros((record.y.shape[1], width))
     for o in range(record.y.shape[1]):
         columns = [part[:, o, k] for part in parts for k in range(part.shape[2])]
-        live = np.array([i for i, column in enumerate(columns) if column.any()], dtype=np.int64)
+        live = np.array([i for i, column in enumerate(columns) if _moves(column)], dtype=np.int64)
         white = _whitened([columns[i] for i in live], mask, whitener, o, workers)
         white *= record.weight
         own = white.T @ white
@@ -196,14 +198,19 @@ def _whitened(columns: Sequence[Array], mask: Mask, whitener: Whitener, output: 
 
     A few at a time, so that there is one copy of the columns: they are the most that a diagnosis holds.
     """
-    white = np.empty((len(columns), int(mask.sum()))).T
+    white = np.empty((len(columns), int(mask.sum())))
 
     def fill(first: int) -> None:
         some = columns[first : first + TOGETHER]
-        white[:, first : first + len(some)] = whitener.rows(np.stack(some).T, mask, output)
+        whitener.fill_rows(np.stack(some), mask, output, white[first : first + len(some)])
 
     list(side_by_side(fill, range(0, len(columns), TOGETHER), workers=workers))
-    return white
+    return white.T
+
+
+def _moves(column: Array) -> bool:
+    """Tell whether a column (n,) is anywhere but zero; piece by piece, for of most the first piece says it."""
+    return any(column[first : first + _PIECE].any() for first in range(0, column.size, _PIECE))
 
 
 def _relative(whitener: Whitener, other: Whitener, mask: Mask, output: int) -> tuple[Ints, Array]:

@@ -70,6 +70,15 @@ class _Rows:
         return self.noise.log_density(self.z - self.a)
 
     @cached_property
+    def _densities(self) -> tuple[Array, float]:
+        """The densities of `by_age` over the largest at each sample, and the sum of the logarithms of that.
+
+        None that is too small to be a number counts: beside the largest stands at least a share's power of the age.
+        """
+        largest = np.max(self.by_age, axis=0)
+        return np.exp(self.by_age - largest), float(np.sum(largest))
+
+    @cached_property
     def on_time(self) -> float:
         """The log-likelihood of no loss."""
         return float(np.sum(self.noise.log_density(self.z)))
@@ -81,7 +90,11 @@ class _Rows:
 
     def gained(self, share: float) -> float:
         """Return by how much the log-likelihood is above that of no loss."""
-        return float(np.sum(np.logaddexp.reduce(self.logs(share), axis=0))) - self.on_time
+        densities, largest = self._densities
+        total = np.zeros(self.z.size)
+        for one in densities[::-1]:
+            total = total * share + one
+        return float(np.sum(np.log(total))) + self.z.size * math.log1p(-share) + largest - self.on_time
 
     def best(self) -> float:
         """Return the share of lost samples that is likeliest."""

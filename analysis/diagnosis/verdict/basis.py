@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.diagnosis.candidates.signature import Motion
-from analysis.diagnosis.nominal.responses import response
+from analysis.diagnosis.nominal.responses import no_columns, response
 from sim_backend.assembly import Places
 from sim_backend.jit import njit
 from sim_backend.linear import Array, DiscreteModel
@@ -253,10 +253,10 @@ def columns_at(scene: Scene, plant: DiscreteModel, what: str, output: bool, at: 
     With `output` it is an error of the reading with that number.
     """
     signals = (READINGS if output else TORQUES)[what](scene, at)
-    out = np.zeros((*scene.seen.shape, len(signals)))
+    out = no_columns(*scene.seen.shape, len(signals))
     for k, signal in enumerate(signals):
         if output:
             out[:, at, k] = signal
         else:
-            out[:, :, k] = response(plant, np.ascontiguousarray(signal), at)
+            response(plant, np.ascontiguousarray(signal), at, out=out[:, :, k])
     return out
