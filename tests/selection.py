@@ -14,6 +14,7 @@ COLLECTED = pytest.StashKey[list[str]]()
 DRAWN = "counts over many drawn records"
 BENCH = "a bench of another kind, diagnosed as a whole"
 BENCHES = (
+    "bench_without_a_mode",
     "bouc_wen",
     "free_axes",
     "free_axis",
@@ -242,6 +243,7 @@ THOROUGH = (
     ),
     ("mccdcli/test_hostile.py::test_a_campaign_with_one_amplitude_*", "a report; one that lacks runs stays"),
     ("contract/test_tables.py::test_known_misses_pass_*", "builds the report again; what is known is judged without"),
+    ("end_to_end/test_markup.py::test_a_diagnosis_shows_markup_*[13]]", MORE),
     ("end_to_end/test_markup.py::test_a_report_shows_markup_*", "a report; a note with markup stays in test_tables.py"),
     *(
         (f"packaging/test_release.py::test_{name}_*", "builds wheel and source archive, as `make release` does")

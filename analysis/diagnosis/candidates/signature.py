@@ -184,7 +184,7 @@ def signature(
     if candidate.effect.site is Site.RECORD:
         return _of_record(candidate, places, motion, rate_hz)
     names = list(candidate.unit_sizes) or [""]
-    out = no_columns(*motion.position.shape, len(names))
+    out = no_columns(motion.position, len(names))
     for k, name in enumerate(names):
         sizes = {n: (candidate.unit_sizes[n] if n == name else 0.0) for n in candidate.unit_sizes}
         _add_signal(candidate.made(sizes).in_run(run), linear, places, motion, rate_hz, out[:, :, k])
@@ -235,7 +235,7 @@ def _added(effect: Effect, fx: layout.Effects, motion: Motion, rate_hz: float) -
 def _of_record(candidate: Candidate, places: Places, motion: Motion, rate_hz: float) -> Array:
     o = places.outputs.index(candidate.where)
     values = np.ascontiguousarray(motion.sensed[:, o])
-    out = no_columns(*motion.position.shape, max(len(candidate.unit_sizes), 1))
+    out = no_columns(motion.position, max(len(candidate.unit_sizes), 1))
     for k, (name, unit) in enumerate(candidate.unit_sizes.items()):
         # a clock's error adds up over the record: a tenth of a sample at its end is still first order
         step = 0.1 / values.size

@@ -164,14 +164,16 @@ def simulated_together(
 ) -> list[list[Motion]]:
     """Return for each case every record replayed from its known state: together they take less time than one by one.
 
-    With `farthest`, (n_y,) for each record, readings of motions that go beyond are infinite.
+    A case with a start of its own begins every record there. With `farthest`, (n_y,) for each record, readings of
+    motions that go beyond are infinite.
     """
 
     def played(run: int, record: Record, states: Array) -> list[Motion]:
         own = [
             # states of modes that other effects added stay out
-            Case(case.ready, [e.in_run(run) for e in case.effects], states[: case.ready.linear.n_blocks])
+            Case(case.ready, [e.in_run(run) for e in case.effects], begin[: case.ready.linear.n_blocks])
             for case in cases
+            for begin in (states if case.start is None else case.start,)
         ]
         given = setting.places, setting.transducers, record.u, setting.data.rate_hz
         limit = None if farthest is None else farthest[run]
@@ -254,14 +256,23 @@ def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Ar
     states, zeros = free.shape[2], record.zeros()
     on_their_way = [(earlier - count + k, j) for j, count in enumerate(waiting) for k in range(count)]
 
-    def left(acting: Sequence[Effect], start: Array, rows: int) -> Array:
-        commands = np.zeros((earlier, record.u.shape[1]))
-        sent, zero = np.split(start[states:], [len(on_their_way)])
-        for place, command in zip(on_their_way, sent, strict=True):
-            commands[place] = command
-        some = replace(data, records=(record.first(rows).after(commands),))
-        begun = replace(setting, data=some, states=(start[:states].reshape(-1, 2),))
-        return left_by(begun, linear, acting)[0][earlier:] - zeros[:rows] @ zero
+    def left(acting: Sequence[Effect], starts: Sequence[Array], rows: int) -> list[Array]:
+        case, zeros_from = case_of(setting, linear, acting), states + len(on_their_way)
+        alike: dict[bytes, list[int]] = {}
+        for i, start in enumerate(starts):
+            alike.setdefault(start[states:zeros_from].tobytes(), []).append(i)
+        found: dict[int, Array] = {}
+        for which in alike.values():
+            commands = np.zeros((earlier, record.u.shape[1]))
+            for place, command in zip(on_their_way, starts[which[0]][states:zeros_from], strict=True):
+                commands[place] = command
+            some = replace(data, records=(record.first(rows).after(commands),))
+            begun = replace(setting, data=some, states=(np.zeros((0, 2)),))
+            cases = [replace(case, start=starts[i][:states].reshape(-1, 2)) for i in which]
+            for i, moved in zip(which, simulated_together(begun, cases), strict=True):
+                residual = residuals_of(some.records, moved)[0]
+                found[i] = residual[earlier:] - zeros[:rows] @ starts[i][zeros_from:]
+        return [found[i] for i in range(len(starts))]
 
     weight = (record.fitted() | record.held_out())[:, None] * _weights(setting, fit, record)
     columns = np.concatenate([free, beside], axis=2)
@@ -277,7 +288,8 @@ def _left_begun(record: Record, data: Dataset, setting: Setting, fit: Fit) -> Ar
     rest = np.zeros(columns.shape[2])
 
     def added(effect: Effect) -> Array:
-        return left(changed, rest, record.n) - left([*changed, effect], rest, record.n)
+        (without,), (beside,) = (left(acting, [rest], record.n) for acting in (changed, [*changed, effect]))
+        return without - beside
 
     return begun_best(in_phase(effects, begun_best, added, weight, data.rate_hz))
 

@@ -36,6 +36,9 @@ _STEPS, _WORTH_A_STEP = 24, 0.99
 _FIRST, _STEPS_EACH = 4, 6
 """First samples that a start is sought on, for each of its numbers, and steps there and on each twice as many."""
 
+_TOGETHER = 8
+"""Starts that are simulated together at most: each takes as much memory as the record."""
+
 _NUDGE = 1e-4
 """By what part of its size an output is moved at most to see its slope: far above rounding, far below any effect."""
 
@@ -139,9 +142,13 @@ def starts_of(data: Dataset, linear: ModalModel, whitener: Whitener) -> tuple[St
     return tuple(start_of(r, linear, whitener, data.rate_hz) for r in data.records)
 
 
+LeftFrom = Callable[[Sequence[Array], int], list[Array]]
+"""What a simulation leaves, (m, n_y) each, from each of some starts (k,) over so many first samples m."""
+
+
 def left_by_best_start(
-    left: Callable[[Array, int], Array],
-    bare: Callable[[Array, int], Array],
+    left: LeftFrom,
+    bare: LeftFrom,
     columns: Array,
     weight: Array,
     spread: Array,
@@ -151,8 +158,8 @@ def left_by_best_start(
     """Return the residual of a simulation, (n, n_y), from the start (k,) that minimises it over weighted samples.
 
     `spread` (k,) is how large each number of the start is likely to be: zero where it is known to be none, without
-    bound where nothing is known of it. `left` gives the residual from any start over so many first samples, `bare` the
-    one without what acts on the motion, `columns` (n, n_y, k) what starts add then; where nothing acts, that is
+    bound where nothing is known of it. `left` gives the residuals from any starts over so many first samples, `bare`
+    those without what acts on the motion, `columns` (n, n_y, k) what starts add then; where nothing acts, that is
     `exact`. A torque that depends on the motion changes the motion from a start, and beside a stop or in slack, steps
     along `columns` lead away from it. So the slopes are those of the simulation at the start itself, which is also
     fitted to the first samples, then to ever more of them: the immediate effect of a start depends least on what acts
@@ -160,11 +167,11 @@ def left_by_best_start(
     """
     fit = _StartFit(left, columns, weight, spread)
     rest = np.zeros(columns.shape[2])
-    alone = fit.linear(bare(rest, fit.rows))
+    alone = fit.linear(*bare([rest], fit.rows))
     if exact:
-        return left(alone, fit.rows)
+        return left([alone], fit.rows)[0]
     begins = [alone, rest, fit.grown(alone), fit.grown(rest)]
-    tried = [(begin, left(begin, fit.rows)) for begin in begins]
+    tried = zip(begins, left(begins, fit.rows), strict=True)
     start, residual = min(tried, key=lambda one: _squares(fit.weighed(one[1])))
     return fit.refined(start, residual, _STEPS)[1]
 
@@ -173,7 +180,7 @@ def left_by_best_start(
 class _StartFit:
     """A start (k,) that is fitted to the samples of some `weight` (n, n_y); see `left_by_best_start`."""
 
-    left: Callable[[Array, int], Array]
+    left: LeftFrom
     columns: Array
     weight: Array
     spread: Array
@@ -229,7 +236,7 @@ class _StartFit:
         used = np.cumsum(np.any(self.weight > 0.0, axis=1))
         count = _FIRST * start.size
         while 2 * count < used[-1]:
-            residual = self.left(start, int(np.searchsorted(used, count)) + 1)
+            (residual,) = self.left([start], int(np.searchsorted(used, count)) + 1)
             start, _ = self.refined(start, residual, _STEPS_EACH)
             count *= 2
         return start
@@ -245,7 +252,7 @@ class _StartFit:
             own = self.weighed(slopes) * self.inverse
             for _ in range(_DAMPINGS):
                 there = start + self.inverse * _damped_step(own, weighed, damping)
-                after = self.left(there, residual.shape[0])
+                (after,) = self.left([there], residual.shape[0])
                 if _squares(self.weighed(after)) < before:
                     start, residual, weighed, damping = there, after, self.weighed(after), damping / 10.0
                     break
@@ -256,9 +263,11 @@ class _StartFit:
 
     def _slopes(self, start: Array, residual: Array) -> Array:
         slopes = np.zeros((*residual.shape, start.size))
-        for k in np.flatnonzero(self.nudges):
-            moved = self.left(start + self.nudges[k] * (np.arange(start.size) == k), residual.shape[0])
-            slopes[:, :, k] = (residual - moved) / self.nudges[k]
+        live = np.flatnonzero(self.nudges)
+        for some in (live[first : first + _TOGETHER] for first in range(0, live.size, _TOGETHER)):
+            nudged = [start + self.nudges[k] * (np.arange(start.size) == k) for k in some]
+            for k, moved in zip(some, self.left(nudged, residual.shape[0]), strict=True):
+                slopes[:, :, k] = (residual - moved) / self.nudges[k]
         return slopes
 
 

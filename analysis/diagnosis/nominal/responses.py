@@ -134,9 +134,9 @@ def contrast(there: DiscreteModel, back: DiscreteModel, u: Array, start: Array) 
     return series.T
 
 
-def no_columns(n: int, n_y: int, k: int) -> Array:
-    """Return columns of zeros (n, n_y, k), to be filled: each of each output is one stretch of memory."""
-    return np.zeros((k, n_y, n)).T
+def no_columns(outputs: Array, k: int) -> Array:
+    """Return columns of zeros (n, n_y, k) for `outputs` (n, n_y), to be filled: each of each output is one stretch."""
+    return np.zeros((k, *outputs.shape[::-1])).T
 
 
 def stacked(columns: Sequence[Array]) -> Array:

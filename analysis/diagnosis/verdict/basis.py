@@ -253,7 +253,7 @@ def columns_at(scene: Scene, plant: DiscreteModel, what: str, output: bool, at: 
     With `output` it is an error of the reading with that number.
     """
     signals = (READINGS if output else TORQUES)[what](scene, at)
-    out = no_columns(*scene.seen.shape, len(signals))
+    out = no_columns(scene.seen, len(signals))
     for k, signal in enumerate(signals):
         if output:
             out[:, at, k] = signal

@@ -103,7 +103,7 @@ class Wave(Pattern):
         else:
             seen = motion.sensed[:, self.at] if self.reading else motion.position @ places.coordinates[self.at]
         angle = 2.0 * np.pi * self.cycles / self.span * seen
-        out = no_columns(*motion.sensed.shape, 2)
+        out = no_columns(motion.sensed, 2)
         for k, wave in enumerate((np.cos(angle), np.sin(angle))):
             if self.reading:
                 out[:, self.at, k] = wave
@@ -130,7 +130,7 @@ class Line(Pattern):
         motion = motions[record]
         angle = 2.0 * np.pi * self.cycles / self.span / plant.rate_hz * np.arange(motion.u.shape[0])
         own = _longest(motions)
-        out = no_columns(*motion.sensed.shape, 2 * len(own))
+        out = no_columns(motion.sensed, 2 * len(own))
         if record in own:
             k = 2 * own.index(record)
             out[:, self.at, k : k + 2] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -154,7 +154,7 @@ class Modulated(Pattern):
     def columns(self, motions: Sequence[Motion], record: int, plant: DiscreteModel, places: Places) -> Array:
         """Return the outputs' change (n, n_y, 2 r) by the signal times a wave in time and one a quarter of it later."""
         motion, own = motions[record], _longest(motions)
-        out = no_columns(*motion.sensed.shape, 2 * len(own))
+        out = no_columns(motion.sensed, 2 * len(own))
         if record in own:
             along = {"command": motion.u.T[self.at]}
             along |= {
@@ -197,7 +197,7 @@ class Ringing(Pattern):
         u = motions[record].u[:, self.played]
         before = np.append(0.0, np.roll(u, round(self.later * u.size))[:-1])  # the command of the sample before
         answer = recursion(before, 1.0, 2.0 * float(z.real), -(abs(z) ** 2))
-        out = no_columns(*motions[record].sensed.shape, 2)
+        out = no_columns(motions[record].sensed, 2)
         out[:, self.at] = np.stack([answer, np.diff(answer, prepend=0.0)], axis=1)
         return out
 

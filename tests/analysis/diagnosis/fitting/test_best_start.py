@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.fitting.fit import residuals_on
-from analysis.diagnosis.fitting.starts import left_by_best_start, starts_of
+from analysis.diagnosis.fitting.starts import LeftFrom, left_by_best_start, starts_of
 from analysis.diagnosis.nominal.responses import free_responses, played, simulate
 from analysis.diagnosis.records.dataset import Record, Window
 from sim_backend.assembly import places_of, transducers_of
@@ -34,6 +35,10 @@ def reading(effects: list[Effect], start: np.ndarray) -> np.ndarray:
     return replay(linear_model(), effects, places, transducers, u, RATE_HZ, start=states, substeps=4).reading
 
 
+def each(left: Callable[[np.ndarray, int], np.ndarray]) -> LeftFrom:
+    return lambda starts, rows: [left(start, rows) for start in starts]
+
+
 @pytest.mark.parametrize(
     ("name", "numbers"),
     [
@@ -52,11 +57,13 @@ def test_a_start_is_found_beside_a_torque_that_makes_another_motion_of_it(name: 
     def left(acting: list[Effect], start: np.ndarray, rows: int) -> np.ndarray:
         return y[:rows] - reading(acting, start)[:rows]
 
-    found = left_by_best_start(partial(left, effects), partial(left, []), free, weight, UNKNOWN, exact=False)
+    found = left_by_best_start(
+        each(partial(left, effects)), each(partial(left, [])), free, weight, UNKNOWN, exact=False
+    )
     # four numbers were fitted: what is left is the noise and no more
     assert np.sum(found**2) < np.sum(noise**2) * (1.0 + 4.0 / ROWS)
     # a linear model's start alone leaves an error far above it
-    alone = left_by_best_start(partial(left, effects), partial(left, []), free, weight, UNKNOWN, exact=True)
+    alone = left_by_best_start(each(partial(left, effects)), each(partial(left, [])), free, weight, UNKNOWN, exact=True)
     assert np.sum(alone**2) > 100.0 * np.sum(noise**2)
 
 
@@ -74,7 +81,9 @@ def test_a_motion_that_has_died_out_before_the_weighted_samples_leaves_its_start
         return y[:rows] - reading(acting, start[:4])[:rows]
 
     columns, spread = np.concatenate([free, gone], axis=2), np.full(5, np.inf)
-    found = left_by_best_start(partial(left, effects), partial(left, []), columns, weight, spread, exact=False)
+    found = left_by_best_start(
+        each(partial(left, effects)), each(partial(left, [])), columns, weight, spread, exact=False
+    )
     assert np.linalg.norm(found[400:]) < 1e-6 * np.linalg.norm(y[400:])
 
 
@@ -89,7 +98,7 @@ def test_rows_without_weight_say_nothing_of_a_start() -> None:
         return y[:rows] - reading([], start)[:rows]
 
     for exact in (True, False):
-        found = left_by_best_start(left, left, free, weight, UNKNOWN, exact=exact)
+        found = left_by_best_start(each(left), each(left), free, weight, UNKNOWN, exact=exact)
         assert np.max(np.abs(found[:900])) < 1e-6 * np.max(np.abs(y[:900]))
 
 
@@ -140,5 +149,5 @@ def test_an_input_that_is_late_and_still_has_no_commands_before_a_record() -> No
         return (y - reading([], np.zeros(4)) - np.einsum("nyk,k->ny", columns, start))[:rows]
 
     spread = np.append(UNKNOWN, [0.0, 0.0])
-    found = left_by_best_start(left, left, columns, weight, spread, exact=True)
+    found = left_by_best_start(each(left), each(left), columns, weight, spread, exact=True)
     assert np.sum(found**2) < NOISE**2 * (ROWS + 3.0 * np.sqrt(2.0 * ROWS))
