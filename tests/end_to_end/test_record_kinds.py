@@ -204,11 +204,6 @@ def test_the_swing_from_rest_is_no_noise_of_a_linear_plant(tmp_path):
     assert fitted(tmp_path / "run")["noise"] == pytest.approx(noise, rel=NEAR)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="what fades slowly after the start differs between periods and passes for noise; with a search that mends "
-    "it, a gross bench of three minutes was not done after fourteen",
-)
 @pytest.mark.parametrize(
     ("seed", "effect", "parameter", "law", "most_std"),
     [

@@ -56,6 +56,10 @@ _OVERRATED, _QUIETER = 0.8, 4
 not yet right, the transient from rest differs between periods as noise does. The noise is then estimated again, at
 most so many times."""
 
+_FADING, _SETTLED, _NEAR_NOISE = 30, 1.0, 1.5
+"""Steps in which noise and fit settle at most, until one gains less than so much of twice the logarithm of evidence;
+and what a fit may leave, as a mean square in units of the noise."""
+
 
 @dataclass(frozen=True)
 class Found:
@@ -345,6 +349,23 @@ def _simulated(setting: Setting, fit: Fit) -> Fit:
     return there if setting.whitener.repeats else again(reestimated(setting, there), there, steps=0)
 
 
+def _beside_what_fades(setting: Setting, best: Fit) -> Setting:
+    """Return the setting whose noise goes with `best` where records begin in a motion that fades while they last.
+
+    What the fit misses of that motion differs between periods, and passes for noise: noise and fit then settle together
+    only step by step. Of a fit that misses more than noise the steps would not end.
+    """
+    for _ in range(_FADING if any(record.fades for record in setting.data.records) else 0):
+        if not best.misfit < _NEAR_NOISE * best.rows:
+            break
+        there = reestimated(setting, best)
+        fit = again(there, best)
+        if score(best, True) - score(fit, True) < _SETTLED:
+            break
+        setting, best = there, fit
+    return setting
+
+
 def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
     """Return `trials` and the fit `before` them under the noise that they are compared in, and the best one's setting.
 
@@ -360,6 +381,9 @@ def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit, price: float
             best = min(trials, key=lambda f: score(f, True))
             if best.misfit > _OVERRATED * best.rows:
                 break
+        faded = _beside_what_fades(setting, best)
+        if faded is not setting:
+            setting, trials = faded, [again(faded, f) for f in trials]
         return setting, trials, again(setting, before)
     own = [iterated_gls(setting, trials[0])]
     own += [iterated_gls(setting, f, score(own[0][1], False)) for f in trials[1:]]

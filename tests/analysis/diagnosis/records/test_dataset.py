@@ -61,3 +61,17 @@ def test_what_precedes_a_record_keeps_its_missing_rows_in_their_places() -> None
         commanded.u[:4, 0].tolist() == [-1.0, -1.0, -1.0, 0.0]
         and commanded.fitted().tolist() == [False] * 3 + [True] * 8
     )
+
+
+@pytest.mark.parametrize(("swing", "fades"), [(0.0, False), (3.0, False), (10.0, True)])
+def test_a_motion_fades_that_differs_more_in_the_first_periods_than_noise_does(swing: float, fades: bool) -> None:
+    """A swing from rest loses half of itself in a period, and differs from the next by the other half."""
+    rng, n_periods = np.random.default_rng(7), 5
+    samples = np.arange(n_periods * PERIOD)
+    noise = rng.standard_normal((samples.size, 1))
+    y = np.tile(WAVE[:, :1], (n_periods, 1)) + noise + (swing * 0.5 ** (samples / PERIOD) * np.cos(samples))[:, None]
+    window = Window("w", 0, samples.size, period=PERIOD)
+    assert Record("run", np.tile(WAVE, (n_periods, 1)), y, (window,)).fades is fades
+    # of two periods there is one difference: nothing to compare it with
+    few = Record("run", np.tile(WAVE, (2, 1)), y[: 2 * PERIOD], (Window("w", 0, 2 * PERIOD, period=PERIOD),))
+    assert not few.fades
