@@ -17,7 +17,7 @@ _WRITTEN = {
     "jiles-atherton": "Jiles–Atherton hysteresis",
     "position-dependent-force-constant": "position-dependent force constant",
 }
-"""Slugs whose words are not those between their hyphens."""
+"""The words of slugs for which replacing hyphens by spaces is not enough."""
 
 
 def effect_text(name: str) -> str:
