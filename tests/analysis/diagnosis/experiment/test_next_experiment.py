@@ -80,7 +80,7 @@ def test_nothing_is_proposed_where_nothing_separates(tied):
     assert choice.experiment is None
     sigma = re.search(r"by (\S+) sigma", choice.reason)
     assert sigma is not None and float(sigma[1]) < LEAST
-    assert f"no plan distinguishes {CUBIC} from {CONSTANT}" in choice.reason
+    assert f"no plan distinguishes {effect_text(CUBIC)} from {effect_text(CONSTANT)}" in choice.reason
     assert "No plan distinguishes" in sentence("unknown", (), (), None, {}, choice)
 
 
