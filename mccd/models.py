@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import sim_backend.model as core
 from mccd.showing import as_html, xarray
+from sim_backend.effects.words import effect_text
 from sim_backend.errors import ConfigError
 from sim_backend.safe_write import write_text
 
@@ -122,7 +123,7 @@ class Model:
         return f"<Model {self.name}: {len(self.core.modes)} modes, {len(self.core.effects)} effects>"
 
     def _repr_html_(self) -> str:
-        effects = ", ".join(f"{e.effect} at {e.where}" for e in self.core.effects)
+        effects = ", ".join(f"{effect_text(e.effect)} at {e.where}" for e in self.core.effects)
         ports = f"{', '.join(self.inputs)} → {', '.join(self.outputs)}, {self.sample_rate_hz:g} Hz"
         return as_html(f"Model {self.name}", [ports, *([f"effects: {effects}"] if effects else [])], self.to_frame())
 

@@ -27,7 +27,9 @@ def channels_text(channels: Iterable[Channel], sizes: Mapping[str, Size] = NO_SI
     heads: tuple[str, ...] = ("channel", "unit", "role", "dof")
     if not sizes:
         return table(rows, heads=heads)
-    known = [[f"{getattr(sizes[row[0]], key):.6g}" if row[0] in sizes else "" for key in SIZES] for row in rows]
+    from analysis.pages.formats import readable
+
+    known = [[readable(getattr(sizes[row[0]], key), 6) if row[0] in sizes else "" for key in SIZES] for row in rows]
     return table([(*row, *more) for row, more in zip(rows, known, strict=True)], heads=(*heads, *SIZES.values()))
 
 

@@ -92,8 +92,8 @@ def _lines(title: str, clock: Callable[[], float] = time.monotonic, *, timed: bo
         if now_s < due_s:
             return
         due_s = now_s + LINE_PERIOD_S
-        left_s = left.left_s(now_s) if timed else None
-        told = ", ".join(filter(None, (f"{100 * done / total:.0f} %", _left(left_s))))
+        time_left = _left(left.left_s(now_s)) if timed else ""
+        told = f"{100 * done / total:.0f} %" + (f" ({time_left})" if time_left else "")
         say(f"{title}: {told} {what}".rstrip())
 
     return report

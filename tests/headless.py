@@ -143,11 +143,12 @@ class Tab:
 def cut_off(tab: Tab) -> list[str]:
     """Return what of the page stands out to the right or left of the window and cannot be scrolled to, as text.
 
-    Tables and code may scroll by themselves; figures, texts and controls have to fit.
+    Tables and code may scroll by themselves; figures, texts, controls and captions of tables have to fit, unless a
+    heading before a table says the same.
     """
     script = """{
       const shown = e => e.checkVisibility() && e.getBoundingClientRect().width > 0;
-      const scrolls = e => e.closest('.scroll') !== null;
+      const scrolls = e => e.closest('h3 + .scroll') || (e.closest('.scroll') && !e.matches('caption span'));
       [...document.querySelectorAll('body *')]
         .filter(e => shown(e) && !scrolls(e) && !e.closest('.skip') && !(e.closest('svg') && e.tagName !== 'svg'))
         .filter(e => { const r = e.getBoundingClientRect(); return r.right > innerWidth + 1 || r.left < -1; })

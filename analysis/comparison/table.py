@@ -9,6 +9,7 @@ from typing import Any
 
 from analysis.pages.canvas import Canvas
 from analysis.pages.formats import NONE, readable, shown, unit_text
+from sim_backend.effects.words import with_effects
 
 Value = float | int | str | None
 
@@ -72,7 +73,8 @@ class Row:
         if self.sigmas is not None:
             told += f" = {readable(self.sigmas, 2)} σ" if told else ""
         unit = unit_text(self.unit)
-        return self.what, _text(self.first, self.std[0]), _text(self.second, self.std[1]), told, unit
+        first, second = _text(self.first, self.std[0]), _text(self.second, self.std[1])
+        return with_effects(self.what), with_effects(first), with_effects(second), told, unit
 
     def as_json(self) -> dict[str, Any]:
         """Return the row as JSON can hold it; numbers that are not finite are None."""

@@ -32,6 +32,7 @@ from analysis.diagnosis.search.shortlist import SURE, SURE_LEAD, Rules, Screen, 
 from analysis.diagnosis.search.stage import Progress
 from analysis.diagnosis.verdict.judging import Judgement
 from sim_backend.effects.unlisted_force import UnlistedForce
+from sim_backend.effects.words import effect_text
 from sim_backend.linear import Array
 from sim_backend.modes import is_mode
 
@@ -247,7 +248,7 @@ def _in_words(candidates: Sequence[Candidate]) -> str:
     places: dict[str, list[str]] = {}
     for c in candidates:
         places.setdefault(c.effect.name, []).append(c.where)
-    return " and ".join(f"{name} at {', '.join(where)}" for name, where in places.items())
+    return " and ".join(f"{effect_text(name)} at {', '.join(where)}" for name, where in places.items())
 
 
 def _cost(fit: Fit, rows: float) -> float:

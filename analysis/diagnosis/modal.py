@@ -90,7 +90,7 @@ def _candidate(setting: Setting, kind: type[Effect], m: int) -> Candidate:
 
 
 def _view(linear: ModalModel, m: int, u: Array, rate_hz: float) -> RecordView:
-    """Return what a mode sees of a record that is played on the linear model."""
+    """Return the excitation and the deflection of one mode when a record is played on the linear model."""
     deflection, rate = simulate(discretise(mode_alone(linear, m), rate_hz), u).T
     still = np.zeros(u.shape[0])
     return RecordView(rate_hz, still, deflection, rate, still, None, float(linear.omega_rad_s[m] / (2.0 * np.pi)))

@@ -11,6 +11,7 @@ import numpy as np
 from analysis.diagnosis.calibration import BlindNames, calibrated, counted
 from analysis.diagnosis.records.dataset import Dataset
 from sim_backend.effects.base import Effect
+from sim_backend.effects.words import effect_text
 from sim_backend.linear import Array, ModalModel
 
 Verdict = Literal["consistent", "named", "ambiguous", "unknown"]
@@ -18,6 +19,12 @@ Verdict = Literal["consistent", "named", "ambiguous", "unknown"]
 
 NOTHING_ADDED = "none"
 """The hypothesis that the model lacks nothing."""
+
+
+def hypothesis_text(name: str) -> str:
+    """Return a hypothesis, slugs joined by +, in words."""
+    return "nothing added" if name == NOTHING_ADDED else " and ".join(map(effect_text, name.split("+")))
+
 
 SELDOM = 0.005
 """How often the error on other held-out samples of the same kind would be smaller than the least that is stated."""

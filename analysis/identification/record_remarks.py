@@ -40,7 +40,8 @@ def inputs_at_rest(runs: Sequence[Run]) -> tuple[str, ...]:
     if len(names) == len(runs[0].names("input")):
         told = "no input moves in any log: gains are unknown, and modes are those of a free motion, if there was one"
     else:
-        told = f"input {', '.join(names)} moves in no log: its gains are unknown, and written as zero"
+        what = f"input {names[0]} moves" if len(names) == 1 else f"inputs {', '.join(names)} move"
+        told = f"{what} in no log: gains from there are unknown, and written as zero"
     return (told,)
 
 

@@ -97,11 +97,9 @@ def _survey(run: Run, segment: LogSegment) -> tuple[NDArray[np.bool_], LogSegmen
 def _remarks(silent: Sequence[str]) -> tuple[str, ...]:
     if not silent:
         return ()
-    one = len(silent) == 1
-    answers, it, its = (
-        ("answers no input and holds", "it is", "its") if one else ("answer no input and hold", "they are", "their")
-    )
-    return (
-        f"output {', '.join(silent)} {answers} noise: {it} not fitted, {its} gains are written as zero, and errors are "
-        "those of the other outputs",
-    )
+    names = ", ".join(silent)
+    if len(silent) == 1:
+        what, rest = f"output {names} answers no input and holds noise", "it is not fitted, its gains are"
+    else:
+        what, rest = f"outputs {names} answer no input and hold noise", "they are not fitted, their gains are"
+    return (f"{what}: {rest} written as zero, and errors are those of the other outputs",)

@@ -147,7 +147,7 @@ def _misses_a_mode(target: TimeTarget, fit: TimeFit) -> bool:
 
 
 def with_one_more(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], rate_hz: float) -> TimeFit:
-    """Return the fit of one more block than `fit` has, begun where that leaves most; shapes are `fit_records`'s."""
+    """Fit one more block than `fit` has, which starts at its largest residual; shapes as in `fit_records`."""
     structure = fit.structure
     target, count = _target(inputs, outputs, rate_hz), fit.model.n_blocks + 1
     start = grown(target, fit.model, fit.outputs, count, mechanical=structure.form == "mechanical")
@@ -228,7 +228,7 @@ def _best_of(
 
 
 def _squared_error(target: TimeTarget, fit: TimeFit) -> float:
-    """Return the sum of squares of what a fit leaves, weighted by `target`, whose errors are white."""
+    """Return the sum of squares of a fit's residual, whitened by the weights of `target`."""
     errors = [y - m for y, m in zip(target.outputs, fit.outputs, strict=True)]
     return float(sum(np.sum((e * target.whitening[:, 0]) ** 2) for e in errors))
 

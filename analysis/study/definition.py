@@ -51,7 +51,7 @@ class Variation(_Strict, frozen=True, kw_only=True):
     """What varies: a place, and either a distribution that is drawn from or the values of a sweep.
 
     `place` is `model` (its name), `model.` and the path to a number in it, or `settings.` and the name of a setting.
-    With `relative` the numbers are changes in parts of what is there: 0.01 makes it one per cent larger. Where a place
+    With `relative` the numbers are relative changes: 0.01 makes it one per cent larger. Where a place
     means several numbers, each gets a draw of its own unless they change `together`; a sweep sets all alike.
     """
 

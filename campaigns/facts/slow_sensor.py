@@ -76,14 +76,14 @@ def _rows_of_changes(values: Array) -> NDArray[np.intp]:
 
 
 def _is_coarse(values: Array) -> bool:
-    """Tell whether a column counts in steps that are large beside its changes."""
+    """Tell whether the quantisation step of a column exceeds a fifth of its rms change per sample."""
     change = np.diff(values)
     change *= change
     return bool(step_of(values) > 0.2 * float(np.sqrt(np.mean(change))))
 
 
 def beat(at: NDArray[np.intp]) -> int:
-    """Return the largest period in samples on which nearly all changes, at samples (n,), fall; 1 if there is none."""
+    """Return the longest period in samples at whose multiples nearly all changes `at` (n,) occur; 1 if none does."""
     starts = range(0, at.size, AT_ONCE)
     gaps = np.zeros(MOST_ROWS + 1, dtype=np.intp)
     for first in starts:

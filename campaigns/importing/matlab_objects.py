@@ -25,7 +25,7 @@ _ENOUGH = 4096
 """Bytes of an element that hold its name and class."""
 
 DECODED = "MATLAB_object_decode"
-"""Attribute of what stands for an object, or for a function, in a file of version 7.3."""
+"""Attribute that marks an object, or a function, in a file of version 7.3."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def class_of(found: h5py.Dataset | h5py.Group) -> str | None:
 
 
 def refusal(path: Path, name: str, kind: str) -> DataError:
-    """Return the error for an object that is asked for, with what to do in MATLAB."""
+    """Return the error for an object, which cannot be read, with what to do in MATLAB."""
     numbers = "double" if kind in ("single", "string", "categorical") else "seconds or posixtime"
     how = {
         "timetable": f"T = timetable2table({name}); T.Time = seconds(T.Time - T.Time(1)); s = table2struct(T, "

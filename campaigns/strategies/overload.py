@@ -33,7 +33,7 @@ CREDIBLE = 10.0
 
 
 def credible(read_a: Array, otherwise_a: Array, limits: Limits) -> Array:
-    """Return currents as they were read, and as they are `otherwise` where they were not; shapes (n, n_a)."""
+    """Return the currents read, replaced by `otherwise_a` where the reading is impossible; shapes (n, n_a)."""
     with np.errstate(invalid="ignore"):
         return np.where(np.abs(read_a) <= CREDIBLE * limits.current_a, read_a, otherwise_a)
 

@@ -22,11 +22,12 @@ def summary(run: Path, as_json: bool) -> None:
       mccd log summary RUN.h5
       mccd log summary RUN.h5 --json
     """
+    from analysis.pages.formats import readable
     from campaigns.log import read_run
     from campaigns.log.summary import summarise
 
     with read_run(run) as log, progress("summarising") as report:
         found = summarise(log, report=report)
         result = {"file": run, "run_uid": log.run_uid, "rows": log.rows, "channels": list(found)}
-    rows = [(c.name, c.unit, *(f"{v:.6g}" for v in (c.smallest, c.largest, c.mean, c.std))) for c in found]
+    rows = [(c.name, c.unit, *(readable(v, 6) for v in (c.smallest, c.largest, c.mean, c.std))) for c in found]
     emit(result, as_json=as_json, text=table(rows, heads=("channel", "unit", "smallest", "largest", "mean", "std")))

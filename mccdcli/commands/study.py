@@ -174,8 +174,10 @@ def _ended(point: Point) -> str:
 
 
 def _number(one: Numbers) -> tuple[str, ...]:
-    limit = "" if one.limit is None else f"{one.limit:.4g}"
-    return (*(f"{q:.4g}" for q in one.quantiles.values()), limit, "" if one.within is None else _share(one.within))
+    from analysis.pages.formats import readable
+
+    limit = "" if one.limit is None else readable(one.limit, 4)
+    return (*(readable(q, 4) for q in one.quantiles.values()), limit, "" if one.within is None else _share(one.within))
 
 
 def _share(one: Share) -> str:

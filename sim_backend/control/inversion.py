@@ -87,9 +87,10 @@ def transmission_zeros(plant: DiscreteModel) -> ComplexArray:
 
 
 def inverse_poles(plant: DiscreteModel, controller: DiscreteFilter) -> list[complex]:
-    """Return the poles in z, one of each pair, of (1 + P C)/P = 1/P + C as far as it is causal and stable, and more.
+    """Return poles in z, one of each pair, for the causal and stable part of (1 + P C)/P = 1/P + C.
 
-    The plant's zeros within the unit circle, the controller's poles with its integrator leaking, and SPARE_POLES.
+    These are the plant's zeros within the unit circle, the controller's poles, with its integrator made to leak, and
+    SPARE_POLES.
     """
     zeros = transmission_zeros(plant)
     own = controller.poles()

@@ -40,8 +40,8 @@ class DriveHysteresis(Effect):
     n_state = 5
     step = _step
 
-    weight_1: float = size("share that saturates at `reach`", low=0.0)
-    weight_2: float = size("share that saturates at a third of it", low=0.0)
+    weight_1: float = size("share that saturates last", low=0.0)
+    weight_2: float = size("share that saturates at a third of the last one's change of command", low=0.0)
     weight_3: float = size("share that saturates at a ninth of it", low=0.0)
     weight_4: float = size("share that saturates at a 27th of it", low=0.0)
     reach: float = shape("change of command after which the last share saturates", 1.0, u=1, low=1e-15)

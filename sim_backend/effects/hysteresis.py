@@ -44,8 +44,8 @@ class Hysteresis(Effect):
     n_state = 5
     step = _step
 
-    stiffness_1: float = size("stiffness that slips at `reach`", u=1, y=-1, low=0.0)
-    stiffness_2: float = size("stiffness that slips at a third of it", u=1, y=-1, low=0.0)
+    stiffness_1: float = size("stiffness of the spring that slips last", u=1, y=-1, low=0.0)
+    stiffness_2: float = size("stiffness that slips at a third of the last one's deflection", u=1, y=-1, low=0.0)
     stiffness_3: float = size("stiffness that slips at a ninth of it", u=1, y=-1, low=0.0)
     stiffness_4: float = size("stiffness that slips at a 27th of it", u=1, y=-1, low=0.0)
     reach: float = shape("deflection at which the last spring slips", 1e-3, y=1, low=1e-15)

@@ -84,10 +84,10 @@ def test_long_work_gets_a_line_now_and_then_with_the_time_left(capsys: pytest.Ca
     assert out == ""
     assert LINE_PERIOD_S == 5.0
     assert err.splitlines() == [
-        "sweep: 25 %, 15 s left 5 Hz",
-        "sweep: 50 %, 10 s left 10 Hz",
-        "sweep: 75 %, 5 s left 15 Hz",
-        "sweep: 100 %, 0 s left 20 Hz",
+        "sweep: 25 % (15 s left) 5 Hz",
+        "sweep: 50 % (10 s left) 10 Hz",
+        "sweep: 75 % (5 s left) 15 Hz",
+        "sweep: 100 % (0 s left) 20 Hz",
     ]
 
 

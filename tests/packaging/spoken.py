@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ast
 import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from tests.docs.test_pages import PAGES
 
@@ -67,6 +69,18 @@ def said() -> Iterator[tuple[str, str]]:
             name = str(path.relative_to(ROOT))
             for line, text in enumerate(template_text(path.read_text(encoding="utf-8")).splitlines(), 1):
                 yield f"{name}:{line}", text
+        for path in sorted((ROOT / folder).rglob("*.toml")):
+            for text in toml_texts(tomllib.loads(path.read_text(encoding="utf-8"))):
+                yield str(path.relative_to(ROOT)), text
+
+
+def toml_texts(node: Any) -> Iterator[str]:
+    """Yield each string of two words or more among the values of a TOML file: notes, reasons and titles on pages."""
+    if isinstance(node, dict | list):
+        for one in node.values() if isinstance(node, dict) else node:
+            yield from toml_texts(one)
+    elif isinstance(node, str) and re.search(r"\w\S* +\S*\w", node):
+        yield node
 
 
 def docstrings(source: str) -> Iterator[tuple[int, str]]:

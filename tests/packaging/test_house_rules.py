@@ -54,6 +54,40 @@ def test_nothing_is_left_for_later_and_nothing_is_hidden_from_coverage() -> None
     assert matches(r"\b(?:TODO|FIXME|XXX)\b|pragma: no cover") == []
 
 
+def slugs(source: str) -> Iterator[str]:
+    """Yield each expression of an f-string that writes the slug of an effect as it is."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FormattedValue) and _is_slug(node.value):
+            yield ast.unparse(node.value)
+
+
+def _is_slug(node: ast.expr) -> bool:
+    match node:
+        case ast.Call(func=ast.Attribute(attr="join"), args=[ast.GeneratorExp(elt=one)]):
+            return _is_slug(one)
+        case ast.Call(func=ast.Attribute(attr="reported")) | ast.Attribute(attr="effect"):
+            return True
+        case ast.Attribute(value=ast.Attribute(attr="effect"), attr="name"):
+            return True
+    return False
+
+
+def test_slugs_are_found_where_they_are_written() -> None:
+    written = (
+        """f"{c.effect.name} or {e.reported()} or {' and '.join(e.effect for e in all)}, {effect_text(c.effect)}" """
+    )
+    assert sorted(slugs(written)) == ["' and '.join((e.effect for e in all))", "c.effect.name", "e.reported()"]
+
+
+def test_sentences_have_effects_in_words() -> None:
+    """What the diagnosis says goes through `sim_backend.effects.words`; slugs are for files, options and keys."""
+    keys = {
+        "analysis/diagnosis/answer/changes.py": ["entry.effect"],  # `place` of a parameter in diagnosis.json
+    }
+    found = {name: list(slugs((ROOT / name).read_text())) for name in sources("analysis/diagnosis")}
+    assert {name: one for name, one in found.items() if one} == keys
+
+
 def test_no_source_names_a_folder_of_one_machine() -> None:
     assert matches(r"""["'\s]/(?:home|root|Users|work)/""") == []
 

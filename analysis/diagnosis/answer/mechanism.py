@@ -15,7 +15,6 @@ import scipy
 
 from analysis.diagnosis.answer.explore import noise_density
 from analysis.diagnosis.answer.figures import AFTER, MEASURED, SWINGS, WIDE, Drawn, swing_rows
-from analysis.diagnosis.answer.words import effect_text
 from analysis.diagnosis.evidence.bins import rate_of
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import played, simulate
@@ -25,6 +24,7 @@ from analysis.pages.canvas import Canvas
 from analysis.pages.quantities import scaled, share
 from sim_backend.axis_names import axis_text, with_axes
 from sim_backend.effects.base import Effect, Site
+from sim_backend.effects.words import placed_text
 from sim_backend.linear import Array
 from sim_backend.model import Model
 
@@ -239,7 +239,7 @@ def _drawn(missing: _Missing, over: Quantity, part: float, effect: Effect, windo
     measured, modelled = missing.measured[rows], missing.modelled[rows]
     scale, unit = scaled(float(np.max(np.abs(modelled))), missing.unit)
     every = -(-x.size // SHOWN_POINTS)
-    canvas = Canvas(with_axes(f"{effect_text(effect.reported())} at {effect.where}"), "", size=SIZE)
+    canvas = Canvas(with_axes(placed_text(effect, effect.where)), "", size=SIZE)
     canvas.panel(0, canvas.title, f"{over.label} ({x_unit})", f"{acts} ({unit})")
     at = x[::every] * factor
     if over.kind in ("position", "command") and _looped(effect):

@@ -23,13 +23,13 @@ from analysis.diagnosis.answer.opening import opening_figure, opening_output
 from analysis.diagnosis.answer.output import DOMAINS, model_changes
 from analysis.diagnosis.answer.sentence import SIGNIFICANT
 from analysis.diagnosis.answer.surety import surety, times_less
-from analysis.diagnosis.answer.words import effect_text, hypothesis_text, measure_text
+from analysis.diagnosis.answer.words import measure_text
 from analysis.diagnosis.evidence.domains import evidence
 from analysis.diagnosis.evidence.gain import model_rms
 from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.records.loading import Source
-from analysis.diagnosis.result import Cause, Diagnosis, Domain, Gain, Visible
+from analysis.diagnosis.result import Cause, Diagnosis, Domain, Gain, Visible, hypothesis_text
 from analysis.diagnosis.verdict.held_out import ABOVE_NOISE
 from analysis.pages.environment import page_environment
 from analysis.pages.explorer import Explorer
@@ -39,6 +39,7 @@ from analysis.pages.svg import inlined
 from campaigns.spreadsheet import inert_frame
 from campaigns.version import tool_commit, tool_version
 from sim_backend.effects import named
+from sim_backend.effects.words import effect_text, with_effects
 from sim_backend.model import Model
 from sim_backend.safe_write import folder_within, write_text
 
@@ -183,6 +184,7 @@ def _environment() -> jinja2.Environment:
     environment.filters["readable"] = readable
     environment.filters["effect"] = effect_text
     environment.filters["hypothesis"] = hypothesis_text
+    environment.filters["placed"] = with_effects
     environment.filters["known_exactly"] = known_exactly
     environment.filters["fit"] = fit_percent
     environment.filters["plainly"] = without_exponents

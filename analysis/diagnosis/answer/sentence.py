@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from analysis.diagnosis.answer.words import effect_text, hypothesis_text
-from analysis.diagnosis.result import Cause, Choice, Domain, Gain, Remainder, Verdict
+from analysis.diagnosis.result import Cause, Choice, Domain, Gain, Remainder, Verdict, hypothesis_text
 from analysis.diagnosis.verdict.held_out import ABOVE_NOISE, leaves_most
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
 from analysis.pages.formats import readable, without_exponents
 from analysis.pages.quantities import certainty, chance, share
+from sim_backend.effects.words import effect_text
 from sim_backend.modes import is_mode
 
 SIGNIFICANT = 1e-3

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from analysis.diagnosis.answer.sentence import SIGNIFICANT, listed
-from analysis.diagnosis.answer.words import hypothesis_text
 from analysis.diagnosis.calibration import BlindNames
-from analysis.diagnosis.result import Cause, Diagnosis
+from analysis.diagnosis.result import Cause, Diagnosis, hypothesis_text
 from analysis.diagnosis.verdict.outstanding import least_by_chance
 from analysis.pages.formats import readable
 from analysis.pages.quantities import certainty, chance, share

@@ -23,7 +23,7 @@ from analysis.diagnosis.experiment.planned import (
 from analysis.diagnosis.experiment.reference_sensor import ReferenceSensor, watched_outputs
 from analysis.diagnosis.experiment.separation import information, prediction, separation, with_spread
 from analysis.diagnosis.fitting.fit import Setting
-from analysis.diagnosis.result import Choice, NextExperiment
+from analysis.diagnosis.result import Choice, NextExperiment, hypothesis_text
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.verdict.judging import Judgement
 from campaigns.plans import Plan, all_plans
@@ -89,10 +89,8 @@ def _chosen(
     comparison = replace(quick, setting=setting)
     sigma = comparison.worst(replace(offer, played=comparison.played(offer.plan) or offer.played))
     if sigma < LEAST:
-        reason = (
-            f"no plan distinguishes {' from '.join(names)}: the best, {offer.plan.name}, would do so "
-            f"by {sigma:.2g} sigma"
-        )
+        causes = " from ".join(map(hypothesis_text, names))
+        reason = f"no plan distinguishes {causes}: the best, {offer.plan.name}, would do so by {sigma:.2g} sigma"
         return Choice(None, reason)
     experiment = NextExperiment(offer.plan.name, offer.plan.changes(), names, sigma, offer.duration_s)
     return Choice(experiment, _reason(offer.plan, bench, model))

@@ -23,6 +23,7 @@ from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.records.checks import check_same_bench
 from analysis.diagnosis.records.loading import MAX_ROWS, Loaded, Source, check_finite, load_runs
+from analysis.diagnosis.result import hypothesis_text
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE
 from analysis.diagnosis.verdict.judging import Judgement
@@ -275,5 +276,6 @@ def _weighed(
         probability=probability,
         rivals=rivals,
     )
-    remark = f"{labels[top]} is named by what the instrument beside the bench saw; the readings alone leave it tied"
+    cause = hypothesis_text(labels[top])
+    remark = f"{cause} is named by what the instrument beside the bench saw; the readings alone leave it tied"
     return replace(found, best=fit, rivals=tuple(others)), named, remark

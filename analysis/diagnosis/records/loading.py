@@ -302,10 +302,8 @@ def match_channels(run: Run, model: Model) -> Match:
     for role, used in (("input", inputs), ("output", outputs)):
         left = [n for n in run.names(role) if n not in used]
         if left:
-            consequence = (
-                "the response to it counts as an error of the model" if role == "input" else "it is not judged"
-            )
-            notes.append(f"{run.path.name}: the model has no {role} for {', '.join(left)}; {consequence}")
+            counts = "what these move counts as an error of the model" if role == "input" else "these are not judged"
+            notes.append(f"{run.path.name}: the model has no {role} for {', '.join(left)}; {counts}")
     if len(named) > 1:
         notes.append(f"{run.path.name}: of {', '.join(named)} the temperature used is {named[0]}")
     return Match(inputs, outputs, named[0] if named else None, tuple(notes))

@@ -28,6 +28,7 @@ from analysis.pages.quantities import span
 from sim_backend.assembly import places_of, retuned, stated
 from sim_backend.effects import effect_class
 from sim_backend.effects.base import Site
+from sim_backend.effects.words import effect_text
 from sim_backend.linear import ComplexArray
 from sim_backend.model import Model
 
@@ -175,7 +176,7 @@ def _notes(
     setting: Setting, judgement: Judgement, model: Model, found: Found, levels: tuple[Domain, ...]
 ) -> tuple[str, ...]:
     """Return what a reader has to know of the table, the noise and the verdict."""
-    nonlinear = [e.effect for e in model.effects if not changes_the_response(effect_class(e.effect))]
+    nonlinear = [effect_text(e.effect) for e in model.effects if not changes_the_response(effect_class(e.effect))]
     notes = [
         *setting.lines.remarks,
         judgement.failed_check if not depends_on_level(levels) else "",

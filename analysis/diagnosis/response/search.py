@@ -24,6 +24,7 @@ from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from analysis.linear.predicted import changes_the_response
 from sim_backend.effects.base import Effect, Parameter
 from sim_backend.effects.view import RecordView
+from sim_backend.effects.words import placed_text
 from sim_backend.errors import ConfigError
 from sim_backend.linear import Array
 
@@ -274,7 +275,7 @@ def _failed_check(setting: Setting, found: Found) -> str:
 
 
 def _names(best: Fit) -> str:
-    return f", with {' and '.join(f'{e.reported()} at {e.where}' for e in best.effects)}," if best.effects else ""
+    return f", with {' and '.join(placed_text(e, e.where) for e in best.effects)}," if best.effects else ""
 
 
 def of_levels(remarks: Sequence[str]) -> Judgement:

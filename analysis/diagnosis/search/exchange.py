@@ -16,6 +16,7 @@ from analysis.diagnosis.search.pruning import alone
 from analysis.diagnosis.search.rounds import Found, search
 from analysis.diagnosis.search.shortlist import SURE_LEAD, Rules
 from analysis.diagnosis.search.stage import Progress, silent
+from sim_backend.effects.words import effect_text
 
 _MOST = 3
 """Effects that are searched for again at most: more are mostly modes, which absorb any unlisted cause."""
@@ -38,7 +39,7 @@ def exchanged(found: Found, doubtful: Sequence[int], rules: Rules, scales: Scale
     known = found.setting.whitener.repeats
     best, nominal, numbers = found, again(found.setting, found.tuned), range(len(found.best.candidates))
     for i in doubtful:
-        progress(f"looking again for what {found.best.effects[i].reported()} is", _AT)
+        progress(f"looking again for what {effect_text(found.best.effects[i].reported())} is", _AT)
         start = alone(found.setting, found.best, nominal, [k for k in numbers if k != i])
         other = search(found.setting, found.tuned, rules, scales, silent, start, rounds=1)
         if score(best.best, known) - score(other.best, known) > 2.0 * SURE_LEAD:

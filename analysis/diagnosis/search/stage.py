@@ -15,6 +15,7 @@ from analysis.diagnosis.search.extension import extended
 from analysis.diagnosis.search.shortlist import Screen, promising, shortlist
 from analysis.diagnosis.side_by_side import side_by_side
 from sim_backend.effects.base import Effect
+from sim_backend.effects.words import effect_text
 
 Progress = Callable[[str, float], None]
 
@@ -74,7 +75,7 @@ class Stage:
         for k, i in enumerate(picks):
             candidate = found.candidates[i]
             part = self.done + self.share * k / len(picks)
-            self.progress(f"fitting {candidate.effect.name} at {candidate.where}", part)
+            self.progress(f"fitting {effect_text(candidate.effect.name)} at {candidate.where}", part)
             fits.append(next(trials))
         self.progress("refitting the best", self.done + self.share)
         return fits if telling else [f for f in fits if beyond_form(setting, self.best, f, self.least)]

@@ -25,6 +25,7 @@ from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.search.shortlist import SURE_LEAD
 from analysis.diagnosis.verdict.lack_of_fit import Beside, Term, generic_basis, in_words
 from sim_backend.assembly import Places
+from sim_backend.effects.words import placed_text
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ def generic_alternatives(
         same = max(form_error(best.effects[i]) for i in gone)
         lead, terms = _least_lead(found, _own(found, best, rest, len(gone)), _explained(there, same))
         if terms:
-            names = tuple(f"{best.effects[i].reported()} at {best.effects[i].where}" for i in gone)
+            names = tuple(placed_text(best.effects[i], best.effects[i].where) for i in gone)
             yield GenericAlternative(gone, names, terms, lead)
 
 

@@ -24,6 +24,7 @@ from analysis.diagnosis.verdict.generic_alternative import GenericAlternative
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION, LackOfFit
 from analysis.diagnosis.verdict.remainder import remainder_of, telling
 from sim_backend.effects.base import UNLISTED, Effect, Site
+from sim_backend.effects.words import placed_text
 from sim_backend.linear import Array
 
 _OVERWHELMING = 10.0
@@ -208,7 +209,7 @@ def confounder_in(best: Fitted) -> str:
             value, limit = float(getattr(effect, shape)), candidate.limits.get(shape, (0.0, np.inf))[1]
             if other == UNLISTED and value > (1.0 - _NEAR) * limit:
                 return (
-                    f"{effect.reported()} at {effect.where} fits best with {shape} {value:.3g}, up to whose limit of "
+                    f"{placed_text(effect, effect.where)} fits best with {shape} {value:.3g}, up to whose limit of "
                     f"{limit:.3g} it has that name: it may stand for what is not in the library"
                 )
     return ""
@@ -226,7 +227,7 @@ def shortfall(found: Found, judgement: Judgement, allowed: float = 0.0, random: 
         return "" if judgement.failed_check else _odds(found, allowed, random) or nothing
     if not found.setting.whitener.repeats:
         return ""
-    names = " and ".join(f"{e.reported()} at {e.where}" for e in found.best.effects)
+    names = " and ".join(placed_text(e, e.where) for e in found.best.effects)
     explains = f"explains {100.0 * explained_part(found):.4g} % of what was more than noise"
     if found.tuned.misfit / found.tuned.rows - 1.0 - allowed <= uncertainty(found):
         explains = "explains a significant part of a residual that may be noise in total"
@@ -268,12 +269,12 @@ def _odds(found: Found, allowed: float, random: float) -> str:
         chance = scipy.special.expit(0.5 * (lead - found.first.price) + SURE_LEAD)
         if chance >= SURE:
             return (
-                f"{candidate.effect.reported()} at {candidate.where} is above the noise, but none of its sizes is "
+                f"{placed_text(candidate.effect, candidate.where)} is above the noise, but none of its sizes is "
                 f"{SEEN:g} standard deviations from zero; longer or stronger runs would show it"
             )
         if chance > 1.0 - SURE:
             return (
-                f"{candidate.effect.reported()} at {candidate.where} is above the noise and may be the cause, with a "
+                f"{placed_text(candidate.effect, candidate.where)} is above the noise and may be the cause, with a "
                 f"chance of {100.0 * chance:.2g} %, where a name needs {100.0 * SURE:.0f} %; longer or stronger "
                 "runs would decide"
             )

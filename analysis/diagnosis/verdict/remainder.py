@@ -15,6 +15,7 @@ from analysis.diagnosis.search.adequacy import LEAST_CHANCE, adequate, chance_of
 from analysis.diagnosis.search.rounds import Found
 from analysis.diagnosis.tails import chi2_tail
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION, LackOfFit
+from sim_backend.effects.words import placed_text
 
 _STATED = 1e-3
 """Chance below which a basis function may be stated as the location of a residual that is too large."""
@@ -69,4 +70,4 @@ def _in_all(found: Found, allowed: float) -> tuple[float, float, str]:
         return 0.0, 1.0, ""
     drop, gain, candidate = out
     chance = float(chi2_tail(gain, max(len(candidate.unit_sizes), 1)))
-    return drop, chance, f"resembles {candidate.effect.reported()} at {candidate.where}"
+    return drop, chance, f"resembles {placed_text(candidate.effect, candidate.where)}"

@@ -83,8 +83,8 @@ def test_axes_at_rest_cost_no_step_and_change_nothing(tmp_path: Path, steps: lis
     response = whole.model.linear().frequency_response(np.array([10.0]))[0]
     own = part.model.linear().frequency_response(np.array([10.0]))[0]
     np.testing.assert_array_equal(response, np.pad(own, (0, 2)))
-    assert any("output theta_y, z answer no input" in remark for remark in whole.remarks)
-    assert any("command_theta_y, command_z moves in no log" in remark for remark in whole.remarks)
+    assert any("outputs theta_y, z answer no input" in remark for remark in whole.remarks)
+    assert any("inputs command_theta_y, command_z move in no log" in remark for remark in whole.remarks)
 
 
 def _mode() -> ModalModel:

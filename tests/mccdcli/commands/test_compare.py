@@ -176,7 +176,7 @@ def test_responses_of_two_periods_agree_for_every_seed(tmp_path, capsys):
 def test_the_terminal_prints_axes_as_the_page_does(tmp_path, capsys):
     assert main(["compare", *map(str, models(tmp_path))]) == 0
     said = capsys.readouterr().out
-    assert "mode 3 (θx), frequency" in said and "coulomb-friction at θx: torque" in said
+    assert "mode 3 (θx), frequency" in said and "Coulomb friction at θx: torque" in said
     assert "theta_" not in said
     assert main(["compare", *map(str, runs(tmp_path))]) == 0
     said = capsys.readouterr().out

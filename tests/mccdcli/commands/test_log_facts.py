@@ -105,7 +105,7 @@ def test_show_gives_the_sizes_of_a_log_without_facts(tmp_path, capsys) -> None:
         right = (values.min(), values.max(), np.sqrt(np.mean((values - values.mean()) ** 2)))
         size = told["sizes"][name]
         assert (size["smallest"], size["largest"], size["rms"]) == pytest.approx(right, rel=1e-9)
-        assert rows_of(text, name)[0].split()[-3:] == [f"{value:.6g}" for value in right]
+        assert rows_of(text, name)[0].split()[-3:] == [f"{value:.6g}".replace("-", "−") for value in right]
     assert told["sized_samples"] == ROWS and told["unknown_sizes"] == {} and told["facts"] == []
     assert "rms about the mean" in text and "first" not in text
 

@@ -395,6 +395,6 @@ def test_what_could_have_been_seen_is_told_in_words_with_units(tmp_path):
     )
     page = write_page(dataclasses.replace(found("named"), sensitivity=seen), two_axes(), SOURCES, tmp_path)
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page["index.html"].read_text()))
-    assert "hysteresis: stiffness that slips x: 0.0123 N m/rad (2.00 %)" in text
+    assert "hysteresis: stiffness of the spring that slips last x: 0.0123 N m/rad (2.00 %)" in text
     assert "delay x: 33 µs" in text
     assert "actuator gain: relative error of the gain x: 11.9 %" in text

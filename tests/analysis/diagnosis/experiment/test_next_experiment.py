@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.answer.sentence import sentence
-from analysis.diagnosis.answer.words import effect_text
 from analysis.diagnosis.experiment.next_experiment import ENOUGH, LEAST, choose
 from analysis.diagnosis.result import Choice, NextExperiment
 from campaigns.plans import make_plan
 from sim_backend.effects import make_effect
+from sim_backend.effects.words import effect_text
 from sim_backend.model import Model
 from sim_backend.simbench import SimBench
 from tests.analysis.diagnosis.experiment.test_separation import hypothesis, one_axis, read, setting_of, sine
@@ -80,7 +80,7 @@ def test_nothing_is_proposed_where_nothing_separates(tied):
     assert choice.experiment is None
     sigma = re.search(r"by (\S+) sigma", choice.reason)
     assert sigma is not None and float(sigma[1]) < LEAST
-    assert f"no plan distinguishes {CUBIC} from {CONSTANT}" in choice.reason
+    assert f"no plan distinguishes {effect_text(CUBIC)} from {effect_text(CONSTANT)}" in choice.reason
     assert "No plan distinguishes" in sentence("unknown", (), (), None, {}, choice)
 
 

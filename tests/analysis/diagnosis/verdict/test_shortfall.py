@@ -40,7 +40,7 @@ def rival(lead: float) -> GenericAlternative:
 @pytest.mark.parametrize(
     ("after", "left", "words"),
     [
-        (1.05, (TELLING,), "the best explanation, cubic-stiffness at x, explains 97.5 % of what was more than noise"),
+        (1.05, (TELLING,), "the best explanation, cubic stiffness at x, explains 97.5 % of what was more than noise"),
         (1.5, (), "explains 75 % of what was more than noise; it has no name here"),
     ],
 )

@@ -56,7 +56,7 @@ def test_what_stands_out_by_too_little_is_told_with_its_chance(beyond: float, ch
     outcome = replace(outcome, rivals=(outcome.tuned, shown))
     judged = judge(outcome)
     assert judged.verdict == "unknown"
-    assert f"vibration-line at x is above the noise and may be the cause, with a chance of {chance}" in shortfall(
+    assert f"vibration line at x is above the noise and may be the cause, with a chance of {chance}" in shortfall(
         outcome, judged
     )
 
