@@ -352,8 +352,8 @@ def _simulated(setting: Setting, fit: Fit) -> Fit:
 def _beside_what_fades(setting: Setting, best: Fit) -> Setting:
     """Return the setting whose noise goes with `best` where records begin in a motion that fades while they last.
 
-    What the fit misses of that motion differs between periods, and passes for noise: noise and fit then settle together
-    only step by step. Of a fit that misses more than noise the steps would not end.
+    What the fit misses of that motion differs between periods, as noise does: noise and fit then settle together only
+    step by step. Of a fit that misses more than noise the steps would not end.
     """
     for _ in range(_FADING if any(record.fades for record in setting.data.records) else 0):
         if not best.misfit < _NEAR_NOISE * best.rows:
