@@ -47,6 +47,9 @@ _PASSES = 4
 _LEAST = 0.1
 """Part of a mode's stiffness and decay rate that no effect takes: beyond, the gain is a fault of the fit."""
 
+_TOGETHER = 8
+"""Columns that are transformed together."""
+
 _SMALL, _SEED = 1e-3, 0
 """Size of the change that tells a gain, in units of the motion, and what draws its phases."""
 
@@ -221,11 +224,16 @@ class Answering:
         """Return changes of the outputs, (n, n_y, k), with what the effects do in turn."""
         if self.closing is None:
             return moved
-        held = scipy.fft.rfft(moved.T, self.length)  # (k, n_y, n_f)
-        out = np.empty_like(held)
-        for o, row in enumerate(self.closing):
-            out[:, o] = sum(weights * held[:, i] for i, weights in enumerate(row))
-        return np.asarray(scipy.fft.irfft(out, self.length)[..., : moved.shape[0]].T)
+        series = moved.T
+        out = np.empty(series.shape)
+        for first in range(0, series.shape[0], _TOGETHER):  # so few that they stay in fast memory
+            some = slice(first, first + _TOGETHER)
+            held = scipy.fft.rfft(series[some], self.length)  # (k, n_y, n_f)
+            closed = np.empty_like(held)
+            for o, row in enumerate(self.closing):
+                closed[:, o] = sum(weights * held[:, i] for i, weights in enumerate(row))
+            out[some] = scipy.fft.irfft(closed, self.length)[..., : moved.shape[0]]
+        return out.T
 
 
 def answering(
