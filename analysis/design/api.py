@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -15,7 +15,7 @@ from analysis.design.learning import ENOUGH, WAIT_S, LearningDesign, design_lear
 from analysis.design.magnetic_hysteresis import with_iron
 from analysis.design.moves import Move
 from analysis.design.noise import MeasuredNoise, measure_noise
-from analysis.design.price import CUTOFFS_HZ, Price, affordable, price_curve, price_of
+from analysis.design.price import CUTOFFS_HZ, Price, affordable, price_curve, prices_of
 from analysis.design.uncertainty import Tolerance, drawn_plants, late_samples
 from analysis.recorded.chop import TIP_TILT
 from analysis.recorded.requirements import SETTLING_S, STABILITY_RAD
@@ -158,11 +158,11 @@ def _design_axis(
     noise = measure_noise(_quiet(rest, dof), plants[0], rate)
     try:
         curve = price_curve(design, dof, options.reach_rad, limits, column)
-        if options.most_w is None:
-            price = price_of(design, dof, options.reach_rad, options.settling_s, limits, column)
-        else:
-            price = affordable(curve, options.most_w)
-        feedback, learning = _loops(plants, noise.noise, sweep, options, price, rate)
+        most_w = np.inf if options.most_w is None else options.most_w
+        allowed_s = options.settling_s if options.most_w is None else affordable(curve, most_w).allowed_s
+        prices = prices_of(design, dof, options.reach_rad, allowed_s, limits, column)
+        within = (one for one in prices if not one.power_w > most_w)
+        price, feedback, learning = _surest(plants, noise.noise, sweep, options, within, rate)
     except ConfigError as error:
         raise ConfigError(f"axis '{dof}': {error}") from None
     late = late_samples(plants, rate)
@@ -171,6 +171,34 @@ def _design_axis(
     _require(dof, "peak current", price.peak_a, float(limits.current_a), "A")
     time_s = np.arange(price.motion_rad.size) / rate
     return AxisDesign(dof, control, noise, feedback, learning, price, curve, time_s)
+
+
+def _surest(
+    plants: list[ModalModel], noise: Noise, sweep: Sweep | None, options: Options, prices: Iterable[Price], rate: float
+) -> tuple[Price, FeedbackDesign, LearningDesign]:
+    """Return move, feedback and learning with which most benches will meet what is asked, or the first that suffice.
+
+    A move of little bandwidth holds more in the tail of its spectrum and needs a wider band, in which learning may not
+    be sure; the first reason against any is raised where it is sure in none.
+    """
+    found: list[tuple[Price, FeedbackDesign, LearningDesign]] = []
+    refused: list[ConfigError] = []
+    for price in prices:
+        try:
+            found.append((price, *_loops(plants, noise, sweep, options, price, rate)))
+        except ConfigError as error:
+            refused.append(error)
+            continue
+        if _sure(*found[-1][1:]) >= ENOUGH:
+            return found[-1]
+    if not found:
+        raise refused[0]
+    return max(found, key=lambda one: _sure(*one[1:]))
+
+
+def _sure(feedback: FeedbackDesign, learning: LearningDesign) -> float:
+    """Return the part of the benches that will meet what is asked."""
+    return feedback.quiet * learning.likely
 
 
 def _loops(
@@ -197,11 +225,11 @@ def _loops(
             refused.append(error)
             continue
         found.append((feedback, learning))
-        if feedback.quiet * learning.likely >= ENOUGH:
+        if _sure(feedback, learning) >= ENOUGH:
             return found[-1]
     if not found:
         raise refused[0]
-    return max(found, key=lambda both: both[0].quiet * both[1].likely)
+    return max(found, key=lambda both: _sure(*both))
 
 
 def _quiet(rest: Run, dof: str) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,13 +44,23 @@ class Price:
     drive_nm: Array
 
 
-def price_of(design: Design, dof: str, reach_rad: float, allowed_s: float, limits: Limits, column: int) -> Price:
+def price_of(
+    design: Design,
+    dof: str,
+    reach_rad: float,
+    allowed_s: float,
+    limits: Limits,
+    column: int,
+    widest_hz: float = CUTOFFS_HZ[-1],
+) -> Price:
     """Return the move of stroke `reach_rad` within `allowed_s` and its price; ConfigError when there is none.
 
-    `column` is the axis's in the bench's `limits`.
+    `column` is the axis's in the bench's `limits`, `widest_hz` the band that may be learned.
     """
-    move, cutoff_hz = _narrowest(design, dof, reach_rad, allowed_s)
     rate = design.rate_hz
+    move = design_move(design.axis(dof), reach_rad, allowed_s, widest_hz, rate)
+    # what lies above the narrowest band that the move fits into is best left unlearned
+    cutoff_hz = next(f for f in CUTOFFS_HZ if fits_into(move, reach_rad, f, rate))
     chop = Chop((reach_rad, 0.0), max(round(CHOP_DWELL_S * rate), 2 * move.n_samples), rate)
     motion = move_over(chop, lambda _: move.n_samples, move.concentration, dof)
     drive = feedforward_of(design, dof, motion, "learned")
@@ -58,6 +68,23 @@ def price_of(design: Design, dof: str, reach_rad: float, allowed_s: float, limit
     rms = float(np.sqrt(np.mean(drive**2)))
     power = float("nan") if limits.coil is None else dissipated_w(current * rms, limits.coil)
     return Price(allowed_s, move, cutoff_hz, power, float(np.max(np.abs(drive)) * current.max()), motion, drive)
+
+
+def prices_of(
+    design: Design, dof: str, reach_rad: float, allowed_s: float, limits: Limits, column: int
+) -> Iterator[Price]:
+    """Yield the move of least bandwidth, then those that fit into ever narrower bands; raises as `price_of`."""
+    last: tuple[int, float] | None = None
+    for widest_hz in reversed(CUTOFFS_HZ):
+        try:
+            one = price_of(design, dof, reach_rad, allowed_s, limits, column, widest_hz)
+        except ConfigError:
+            if last is None:
+                raise
+            return
+        if (one.move.n_samples, one.move.concentration) != last:
+            last = one.move.n_samples, one.move.concentration
+            yield one
 
 
 def price_curve(design: Design, dof: str, reach_rad: float, limits: Limits, column: int) -> tuple[Price, ...]:
@@ -84,9 +111,3 @@ def affordable(curve: Sequence[Price], most_w: float) -> Price:
         f"a chop of this stroke dissipates {least:.3g} W or more, the limit is {most_w:g} W; allow more "
         "or give a smaller stroke"
     )
-
-
-def _narrowest(design: Design, dof: str, reach_rad: float, allowed_s: float) -> tuple[Move, float]:
-    """Return the move, and the narrowest band that it fits into: what lies above is best left unlearned."""
-    move = design_move(design.axis(dof), reach_rad, allowed_s, CUTOFFS_HZ[-1], design.rate_hz)
-    return move, next(f for f in CUTOFFS_HZ if fits_into(move, reach_rad, f, design.rate_hz))
