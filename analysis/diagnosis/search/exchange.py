@@ -34,18 +34,26 @@ def exchanged(found: Found, doubtful: Sequence[int], rules: Rules, scales: Scale
     """Return the best of `found` and of searches that begin without one of its `doubtful` effects, each in turn.
 
     One other effect is searched for instead, and more only beside one that is clearly better: most often there is
-    none, and each search is as long as the first.
+    none, and each search is as long as the first. The effects beside one that was replaced were found beside what it
+    imitated: they are doubtful anew.
     """
     known = found.setting.whitener.repeats
-    best, nominal, numbers = found, again(found.setting, found.tuned), range(len(found.best.candidates))
-    for i in doubtful:
-        progress(f"looking again for what {effect_text(found.best.effects[i].reported())} is", _AT)
-        start = alone(found.setting, found.best, nominal, [k for k in numbers if k != i])
-        other = search(found.setting, found.tuned, rules, scales, silent, start, rounds=1)
-        if score(best.best, known) - score(other.best, known) > 2.0 * SURE_LEAD:
+    best, left, replaced = found, list(doubtful), 0
+    while left:
+        i, kept = left.pop(0), best.best
+        progress(f"looking again for what {effect_text(kept.effects[i].reported())} is", _AT)
+        nominal = again(best.setting, found.tuned)
+        start = alone(best.setting, kept, nominal, [k for k in range(len(kept.candidates)) if k != i])
+        other = search(best.setting, found.tuned, rules, scales, silent, start, rounds=1)
+        clearly = score(kept, known) - score(other.best, known) > 2.0 * SURE_LEAD
+        if clearly:
             other = search(other.setting, found.tuned, rules, scales, silent, other.best)
         # the first search has scored single effects by themselves already
         best = replace(_better(best, other), first=found.first, passed=found.passed)
+        if clearly and replaced < _MOST and exchangeable(best):
+            replaced += 1
+            beside = {c.key for k, c in enumerate(kept.candidates) if k != i}
+            left = [k for k, c in enumerate(best.best.candidates) if c.key in beside]
     return best
 
 
