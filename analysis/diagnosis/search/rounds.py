@@ -57,8 +57,7 @@ not yet right, the transient from rest differs between periods as noise does. Th
 most so many times."""
 
 _FADING, _SETTLED, _NEAR_NOISE = 30, 1.0, 1.5
-"""Steps in which noise and fit settle at most, until one gains less than so much of twice the logarithm of evidence;
-and what a fit may leave, as a mean square in units of the noise."""
+"""Steps in which noise and fit settle at most, the least gain of one, and the most that a fit may leave, in noise."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,13 @@ def search(
         ahead.sort(key=lambda pair: -pair[0])
         if _top(ahead) <= last.price:
             rivals += [f for _, f in ahead]
-            break
+            if not best.candidates or (faded := _beside_what_fades(setting, best)) is setting:
+                break
+            setting, (best,), _ = _in_their_steps(faded, [again(faded, best)], tuned, last.price, rules)
+            rivals = [again(setting, f) for f in rivals]
+            flat = _flat(setting, best)
+            last, beneath = screen_both(setting, flat, best, rules, scales)
+            continue
         if not best.candidates:
             passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
         # what was passed over is only ever a rival of the first cause
@@ -353,7 +358,7 @@ def _beside_what_fades(setting: Setting, best: Fit) -> Setting:
     """Return the setting whose noise goes with `best` where records begin in a motion that fades while they last.
 
     What the fit misses of that motion differs between periods, as noise does: noise and fit then settle together only
-    step by step. Of a fit that misses more than noise the steps would not end.
+    step by step. Of a fit that misses more the steps would not end; a cause that it lacks, noise would absorb.
     """
     for _ in range(_FADING if any(record.fades for record in setting.data.records) else 0):
         if not best.misfit < _NEAR_NOISE * best.rows:
@@ -381,9 +386,6 @@ def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit, price: float
             best = min(trials, key=lambda f: score(f, True))
             if best.misfit > _OVERRATED * best.rows:
                 break
-        faded = _beside_what_fades(setting, best)
-        if faded is not setting:
-            setting, trials = faded, [again(faded, f) for f in trials]
         return setting, trials, again(setting, before)
     own = [iterated_gls(setting, trials[0])]
     own += [iterated_gls(setting, f, score(own[0][1], False)) for f in trials[1:]]
