@@ -151,7 +151,7 @@ def test_a_diagnosis_as_table_arrays_model_and_files(answer: mccd.Diagnosis, tmp
     assert len(figure.axes) == 3 and labels == ["nominal model", "extended model"]
     assert [e.effect for e in answer.extended.core.effects] == ["coulomb-friction"]
     assert isinstance(answer.to_control(), control.StateSpace)
-    assert html.escape(answer.sentence) in answer._repr_html_()
+    assert answer.sentence in html.unescape(answer._repr_html_())
     files = answer.write(tmp_path / "out")
     assert json.loads(files["diagnosis.json"].read_text())["verdict"] == "named"
     assert mccd.load_model(files["extended.toml"]).core.effects == answer.extended.core.effects

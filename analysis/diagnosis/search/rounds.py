@@ -22,6 +22,7 @@ from analysis.diagnosis.fitting.balance import (
 from analysis.diagnosis.fitting.discrepancy import Discrepancy, discrepancy_of, explained_by
 from analysis.diagnosis.fitting.fit import Fit, Setting, steps_for, steps_in_noise
 from analysis.diagnosis.fitting.refit import LONG
+from analysis.diagnosis.search.fading import beside_what_fades
 from analysis.diagnosis.search.pruning import has_seen_model, lead_of, needed, pruned
 from analysis.diagnosis.search.recorded_steps import with_recorded_steps
 from analysis.diagnosis.search.rubbing import rubbing
@@ -55,9 +56,6 @@ _OVERRATED, _QUIETER = 0.8, 4
 """A residual below this part of the noise, as a mean square, shows that the noise was overestimated: while a cause is
 not yet right, the transient from rest differs between periods as noise does. The noise is then estimated again, at
 most so many times."""
-
-_FADING, _SETTLED, _NEAR_NOISE = 30, 1.0, 1.5
-"""Steps in which noise and fit settle at most, the least gain of one, and the most that a fit may leave, in noise."""
 
 
 @dataclass(frozen=True)
@@ -129,11 +127,10 @@ def search(
         ahead.sort(key=lambda pair: -pair[0])
         if _top(ahead) <= last.price:
             rivals += [f for _, f in ahead]
-            if not best.candidates or (faded := _beside_what_fades(setting, best)) is setting:
+            if (faded := beside_what_fades(setting, best)) is setting:
                 break
-            setting, (best,), _ = _in_their_steps(faded, [again(faded, best)], tuned, last.price, rules)
-            rivals = [again(setting, f) for f in rivals]
-            flat = _flat(setting, best)
+            setting, (best,), _ = _in_their_steps(faded, [best], tuned, last.price, rules)
+            flat, rivals = _flat(setting, best), [again(setting, f) for f in rivals]
             last, beneath = screen_both(setting, flat, best, rules, scales)
             continue
         if not best.candidates:
@@ -352,23 +349,6 @@ def _simulated(setting: Setting, fit: Fit) -> Fit:
     """
     there = again(setting, fit, steps=0)
     return there if setting.whitener.repeats else again(reestimated(setting, there), there, steps=0)
-
-
-def _beside_what_fades(setting: Setting, best: Fit) -> Setting:
-    """Return the setting whose noise goes with `best` where records begin in a motion that fades while they last.
-
-    What the fit misses of that motion differs between periods, as noise does: noise and fit then settle together only
-    step by step. Of a fit that misses more the steps would not end; a cause that it lacks, noise would absorb.
-    """
-    for _ in range(_FADING if any(record.fades for record in setting.data.records) else 0):
-        if not best.misfit < _NEAR_NOISE * best.rows:
-            break
-        there = reestimated(setting, best)
-        fit = again(there, best)
-        if score(best, True) - score(fit, True) < _SETTLED:
-            break
-        setting, best = there, fit
-    return setting
 
 
 def _iterated_gls(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
