@@ -16,8 +16,8 @@ _NEAR_NOISE = 1.5
 """What a fit may leave at most, as a mean square in units of the noise: of one that misses more, steps do not end."""
 
 
-def beside_what_fades(setting: Setting, best: Fit) -> Setting:
-    """Return the setting whose noise goes with `best`; `setting` itself where no motion fades or nothing is gained."""
+def beside_what_fades(setting: Setting, best: Fit) -> tuple[Setting, Fit]:
+    """Return `best` and the setting whose noise goes with it; both as given where no motion fades or nothing is gained."""
     fades = best.candidates and any(record.fades for record in setting.data.records)
     for _ in range(_STEPS if fades else 0):
         if not best.misfit < _NEAR_NOISE * best.rows:
@@ -27,4 +27,4 @@ def beside_what_fades(setting: Setting, best: Fit) -> Setting:
         if score(best, True) - score(fit, True) < _WORTH_A_STEP:
             break
         setting, best = there, fit
-    return setting
+    return setting, best

@@ -101,10 +101,8 @@ def search(
     without what is noise: where that removes something, the noise is louder than assumed, and the search ends.
     """
     best = tuned if start is None else start
-    rivals = [best]
-    known = setting.whitener.repeats
-    flat = _flat(setting, best)
-    last, beneath = screen_both(setting, flat, best, rules, scales)
+    rivals, known = [best], setting.whitener.repeats
+    flat, last, beneath = _screened(setting, best, rules, scales)
     first = last
     passed: dict[tuple[str, str], float] = {}
     for depth in range(rounds):
@@ -127,11 +125,10 @@ def search(
         ahead.sort(key=lambda pair: -pair[0])
         if _top(ahead) <= last.price:
             rivals += [f for _, f in ahead]
-            if (faded := beside_what_fades(setting, best)) is setting:
+            if (settled := _settled(setting, best, rivals, tuned, last.price, rules)) is None:
                 break
-            setting, (best,), _ = _in_their_steps(faded, [best], tuned, last.price, rules)
-            flat, rivals = _flat(setting, best), [again(setting, f) for f in rivals]
-            last, beneath = screen_both(setting, flat, best, rules, scales)
+            setting, best, rivals = settled
+            flat, last, beneath = _screened(setting, best, rules, scales)
             continue
         if not best.candidates:
             passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
@@ -140,8 +137,7 @@ def search(
         setting, trials, before = _in_their_steps(setting, some, best, last.price, rules)
         best = sharpened(setting, _best_of(setting, trials, before, last.price))
         best, rivals = with_recorded_steps(setting, best, rules.lattices), [*trials, before]
-        flat = _flat(setting, best)
-        last, beneath = screen_both(setting, flat, best, rules, scales)
+        flat, last, beneath = _screened(setting, best, rules, scales)
     best, smaller = pruned(setting, whole := best, tuned, first.price)
     if best is not whole:
         setting, best = needed(setting, best)
@@ -149,6 +145,25 @@ def search(
     explained = explained_by(setting, tuned, best)
     discrepancy = discrepancy_of(setting, tuned, best)
     return Found(setting, tuned, best, tuple([*rivals, *smaller]), first, last, explained, discrepancy, passed)
+
+
+def _screened(
+    setting: Setting, best: Fit, rules: Rules, scales: Scales
+) -> tuple[Setting | None, Screen, Screen | None]:
+    """Return the setting of `_flat`, and the evidence of what could be added in either noise."""
+    flat = _flat(setting, best)
+    return flat, *screen_both(setting, flat, best, rules, scales)
+
+
+def _settled(
+    setting: Setting, best: Fit, rivals: Sequence[Fit], tuned: Fit, price: float, rules: Rules
+) -> tuple[Setting, Fit, list[Fit]] | None:
+    """Return setting, best fit and rivals once noise and fit have settled; None where they had."""
+    faded, fit = beside_what_fades(setting, best)
+    if faded is setting:
+        return None
+    setting, (best,), _ = _in_their_steps(faded, [fit], tuned, price, rules)
+    return setting, best, [again(setting, f) for f in rivals]
 
 
 def _beneath(
