@@ -34,8 +34,8 @@ def exchanged(found: Found, doubtful: Sequence[int], rules: Rules, scales: Scale
     """Return the best of `found` and of searches that begin without one of its `doubtful` effects, each in turn.
 
     One other effect is searched for instead, and more only beside one that is clearly better: most often there is
-    none, and each search is as long as the first. The effects beside one that was replaced were found beside what it
-    imitated: they are doubtful anew.
+    none, and each search is as long as the first. The effects beside one that was replaced were found beside it:
+    they are doubtful anew.
     """
     known = found.setting.whitener.repeats
     best, left, replaced = found, list(doubtful), 0

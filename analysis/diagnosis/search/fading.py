@@ -17,7 +17,7 @@ _NEAR_NOISE = 1.5
 
 
 def beside_what_fades(setting: Setting, best: Fit) -> tuple[Setting, Fit]:
-    """Return `best` and the setting whose noise goes with it; both as given where no motion fades or nothing is gained."""
+    """Return `best` and the setting whose noise goes with it; as given where no motion fades or nothing is gained."""
     fades = best.candidates and any(record.fades for record in setting.data.records)
     for _ in range(_STEPS if fades else 0):
         if not best.misfit < _NEAR_NOISE * best.rows:
