@@ -38,22 +38,22 @@ def exchanged(found: Found, doubtful: Sequence[int], rules: Rules, scales: Scale
     they are doubtful anew.
     """
     known = found.setting.whitener.repeats
-    best, left, replaced = found, list(doubtful), 0
+    best = begun = found
+    nominal, left, replaced = again(begun.setting, found.tuned), list(doubtful), 0
     while left:
-        i, kept = left.pop(0), best.best
-        progress(f"looking again for what {effect_text(kept.effects[i].reported())} is", _AT)
-        nominal = again(best.setting, found.tuned)
-        start = alone(best.setting, kept, nominal, [k for k in range(len(kept.candidates)) if k != i])
-        other = search(best.setting, found.tuned, rules, scales, silent, start, rounds=1)
-        clearly = score(kept, known) - score(other.best, known) > 2.0 * SURE_LEAD
+        i, numbers = left.pop(0), range(len(begun.best.candidates))
+        progress(f"looking again for what {effect_text(begun.best.effects[i].reported())} is", _AT)
+        start = alone(begun.setting, begun.best, nominal, [k for k in numbers if k != i])
+        other = search(begun.setting, found.tuned, rules, scales, silent, start, rounds=1)
+        clearly = score(best.best, known) - score(other.best, known) > 2.0 * SURE_LEAD
         if clearly:
             other = search(other.setting, found.tuned, rules, scales, silent, other.best)
         # the first search has scored single effects by themselves already
         best = replace(_better(best, other), first=found.first, passed=found.passed)
         if clearly and replaced < _MOST and exchangeable(best):
-            replaced += 1
-            beside = {c.key for k, c in enumerate(kept.candidates) if k != i}
-            left = [k for k, c in enumerate(best.best.candidates) if c.key in beside]
+            beside = {c.key for k, c in enumerate(begun.best.candidates) if k != i}
+            begun, nominal, replaced = best, again(best.setting, found.tuned), replaced + 1
+            left = [k for k, c in enumerate(begun.best.candidates) if c.key in beside]
     return best
 
 
