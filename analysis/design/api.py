@@ -26,7 +26,6 @@ from campaigns.strategies.controller import AxisControl, Blocks, Controller, Des
 from campaigns.strategies.design import Design
 from sim_backend.bench import Limits
 from sim_backend.control.inversion import advanced, periodic_input
-from sim_backend.control.lqg import Noise
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import ModalModel
 from sim_backend.model import Model
@@ -162,7 +161,8 @@ def _design_axis(
         allowed_s = options.settling_s if options.most_w is None else affordable(curve, most_w).allowed_s
         prices = prices_of(design, dof, options.reach_rad, allowed_s, limits, column)
         within = (one for one in prices if not one.power_w > most_w)
-        price, feedback, learning = _surest(plants, noise.noise, sweep, options, within, rate)
+        feedbacks = list(islice(safe_feedbacks(plants, noise.noise, rate), TRIED))
+        price, feedback, learning = _surest(plants, feedbacks, sweep, options, within, rate)
     except ConfigError as error:
         raise ConfigError(f"axis '{dof}': {error}") from None
     late = late_samples(plants, rate)
@@ -174,7 +174,12 @@ def _design_axis(
 
 
 def _surest(
-    plants: list[ModalModel], noise: Noise, sweep: Sweep | None, options: Options, prices: Iterable[Price], rate: float
+    plants: list[ModalModel],
+    feedbacks: Sequence[FeedbackDesign],
+    sweep: Sweep | None,
+    options: Options,
+    prices: Iterable[Price],
+    rate_hz: float,
 ) -> tuple[Price, FeedbackDesign, LearningDesign]:
     """Return move, feedback and learning with which most benches will meet what is asked, or the first that suffice.
 
@@ -185,7 +190,7 @@ def _surest(
     refused: list[ConfigError] = []
     for price in prices:
         try:
-            found.append((price, *_loops(plants, noise, sweep, options, price, rate)))
+            found.append((price, *_loops(plants, feedbacks, sweep, options, price, rate_hz)))
         except ConfigError as error:
             refused.append(error)
             continue
@@ -202,7 +207,12 @@ def _sure(feedback: FeedbackDesign, learning: LearningDesign) -> float:
 
 
 def _loops(
-    plants: list[ModalModel], noise: Noise, sweep: Sweep | None, options: Options, price: Price, rate_hz: float
+    plants: list[ModalModel],
+    feedbacks: Sequence[FeedbackDesign],
+    sweep: Sweep | None,
+    options: Options,
+    price: Price,
+    rate_hz: float,
 ) -> tuple[FeedbackDesign, LearningDesign]:
     """Return feedback and learning with which most benches will meet what is asked, or the first that suffice.
 
@@ -216,7 +226,7 @@ def _loops(
     bands = [cutoff for cutoff in CUTOFFS_HZ if cutoff >= price.cutoff_hz]
     found: list[tuple[FeedbackDesign, LearningDesign]] = []
     refused: list[ConfigError] = []
-    for feedback in islice(safe_feedbacks(plants, noise, rate_hz), TRIED):
+    for feedback in feedbacks:
         if (found or refused) and feedback.three_sigma_rad.max() > STABILITY_RAD:
             break
         try:

@@ -104,25 +104,27 @@ def _longest(concentration: float, reach_rad: float, allowed: int) -> int | None
     return lengths[late - 1] if late else None
 
 
-def _judged(plant: ModalModel, n: int, concentration: float, reach: float, cutoff_hz: float, rate_hz: float) -> Move:
+def _judged(
+    plant: ModalModel, n: int, concentration: float, stroke_rad: float, cutoff_hz: float, rate_hz: float
+) -> Move:
     way = concentrated_move(n, concentration)
-    motion = _chop(way, reach, rate_hz)
+    motion = _chop(way, stroke_rad, rate_hz)
     torque = periodic_input(plant, motion, rate_hz)
     return Move(
         n,
         concentration,
-        arrival_sample(way, reach, BAND_RAD) / rate_hz,
+        arrival_sample(way, stroke_rad, BAND_RAD) / rate_hz,
         float(np.max(np.abs(torque))),
         float(np.sqrt(np.mean(torque**2))),
         _unlearned_rad(motion, cutoff_hz, rate_hz),
     )
 
 
-def _chop(way: Array, reach: float, rate_hz: float) -> Array:
-    """Return one period (samples,) of a chop of `reach` whose moves follow `way` (n,)."""
+def _chop(way: Array, stroke_rad: float, rate_hz: float) -> Array:
+    """Return one period (samples,) of a chop of `stroke_rad` whose moves follow `way` (n,)."""
     dwell = max(round(CHOP_DWELL_S * rate_hz), 4 * way.size)
-    half = np.concatenate([way, np.ones(dwell - way.size)]) * reach
-    return np.concatenate([half, reach - half])
+    half = np.concatenate([way, np.ones(dwell - way.size)]) * stroke_rad
+    return np.concatenate([half, stroke_rad - half])
 
 
 def _unlearned_rad(motion: Array, cutoff_hz: float, rate_hz: float) -> float:
