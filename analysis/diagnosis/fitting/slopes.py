@@ -226,7 +226,7 @@ class Answering:
             return moved
         series = moved.T
         out = np.empty(series.shape)
-        for first in range(0, series.shape[0], _TOGETHER):  # so few that they stay in fast memory
+        for first in range(0, series.shape[0], _TOGETHER):  # a few, for their spectra take twice their memory
             some = slice(first, first + _TOGETHER)
             held = scipy.fft.rfft(series[some], self.length)  # (k, n_y, n_f)
             closed = np.empty_like(held)
