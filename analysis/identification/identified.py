@@ -17,8 +17,10 @@ from analysis.identification.response_fit import RationalFit
 from analysis.identification.static_gain import StaticGain, static_gain, static_gain_std
 from analysis.identification.timefit import TimeFit
 from campaigns.log import Run
+from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import ModalModel
-from sim_backend.model import EffectEntry, Intersample, Model, Port, Quantity, from_linear
+from sim_backend.model import EffectEntry, Intersample, Model, Port, Quantity, check_model, from_linear
+from sim_backend.plausible import LARGEST
 
 Array = NDArray[np.float64]
 
@@ -86,11 +88,15 @@ class Fitted:
 
 
 def deviations(fit: TimeFit | RationalFit) -> ModalModel:
-    """Return the standard deviations of a fit's numbers in the shapes of its model."""
-    spread = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    """Return the standard deviations of a fit's numbers in the shapes of its model.
+
+    Of what the data do not determine they may be larger than any number that a file holds, and are the largest then.
+    """
+    spread = np.minimum(np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)), LARGEST)
     names = ("b", "b_direct", "c", "c_rate", "d", "delay_s")
     arrays = {key: spread[fit.layout.index(key)] for key in names}
-    return ModalModel(omega_rad_s=fit.omega_std_rad_s, sigma_1_s=fit.sigma_std_1_s, **arrays)
+    omega, sigma = np.minimum(fit.omega_std_rad_s, LARGEST), np.minimum(fit.sigma_std_1_s, LARGEST)
+    return ModalModel(omega_rad_s=omega, sigma_1_s=sigma, **arrays)
 
 
 def fitted_by(
@@ -167,6 +173,10 @@ def identification(
         std=std,
     )
     model = msgspec.structs.replace(model, intersample=intersample)
+    try:
+        check_model(model, "the identified model")
+    except ConfigError as error:
+        raise DataError(f"{error}; the data do not determine it: give fewer modes with --modes") from None
     if np.any(fitted.offsets) and any(run.header.bench.get("kind") == "imported" for run in runs):
         model = msgspec.structs.replace(model, effects=sensor_zeros(fitted.offsets, outputs, source))
     rising = np.argsort(linear.omega_rad_s).tolist()

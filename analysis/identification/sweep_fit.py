@@ -15,6 +15,7 @@ from analysis.identification.missed_response import worst_miss
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.rational import fit_rational
 from analysis.identification.response_fit import RationalFit
+from analysis.identification.static_gain import static_gain, static_gain_std
 from analysis.recorded.sweep import Sweep
 from sim_backend.linear import ModalModel
 
@@ -60,12 +61,30 @@ def fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> tuple[Fi
     if best.relative2 > max(CLEARER**2 * noise2, LAGS**2):
         forms = [best, *(_chosen(sweep, rate_hz, usable, *form) for form in _forms(sweep, rate_hz, usable))]
         least2 = max(min(one.relative2 for one in forms), noise2)
+        near = [one for one in forms if one.relative2 <= CLEARER**2 * least2]
         # the first, which are the simplest, of those that are about as near as any
-        best = next(one for one in forms if one.relative2 <= CLEARER**2 * least2)
+        best = next((one for one in near if _rests(one.fit)), near[0])
     model = best.model(rate_hz)
     modelled = model.frequency_response(sweep.frequency_hz, rate_hz)[:, 0, 0]
     fitted = fitted_by(best.fit, best.fit.chi2, best.fit.dof)
     return replace(fitted, linear=model), _told(sweep, modelled)
+
+
+def _doubtful(fit: RationalFit) -> int | None:
+    """Return the mode that is to be given up first: one of unknown damping, or the slowest where no gain is known."""
+    known = fit.model.sigma_1_s / np.maximum(fit.sigma_std_1_s, np.finfo(float).tiny)
+    if np.any(known < SIGNIFICANT):
+        return int(np.argmin(known))
+    return None if _rests(fit) else int(np.argmin(np.min(np.abs(fit.model.poles_1_s()), axis=1)))
+
+
+def _rests(fit: RationalFit) -> bool:
+    """Tell whether the static gain of a fit is known; none is needed of a rigid body.
+
+    Hysteresis lags as a real pole does that is slower than the slowest sine. Beside that pole any static gain fits.
+    """
+    gain, std = static_gain(fit.model), static_gain_std(fit)
+    return gain is None or std is None or bool(np.all(np.abs(gain) >= SIGNIFICANT * std))
 
 
 def _told(sweep: Sweep, modelled: ComplexArray) -> tuple[str, ...]:
@@ -130,11 +149,10 @@ def _chosen(sweep: Sweep, rate_hz: float, orders: tuple[int, ...], structure: St
     if structure != _PLAIN and len(orders) > 1:  # with more freedom a large order alone may end anywhere
         relative2 = min(relative2, missed2(fitted(orders, RELATIVE_START**2)))
     fit = fitted(orders, relative2)
-    while fit.model.n_blocks > orders[0] and np.any(fit.model.sigma_1_s < SIGNIFICANT * fit.sigma_std_1_s):
+    while fit.model.n_blocks > orders[0] and (doubtful := _doubtful(fit)) is not None:
         fewer = fitted((fit.model.n_blocks - 1,), relative2)
         # one of two real poles may be far off although the block is real; a mode of no width is the error of a line
-        if structure.form == "general" and missed2(fewer) > CLEARER**2 * missed2(fit):
+        if structure.form == "general" and _rests(fit) and missed2(fewer) > CLEARER**2 * missed2(fit):
             break
-        doubtful = int(np.argmin(fit.model.sigma_1_s / np.maximum(fit.sigma_std_1_s, np.finfo(float).tiny)))
         fit = replace(fewer, dropped=(*fit.dropped, dropped_from(fit, doubtful, fewer, UNDETERMINED)))
     return _Try(fit, whole, missed2(fit))

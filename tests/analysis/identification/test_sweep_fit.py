@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
 
+from analysis.identification.identified import deviations
+from analysis.identification.rational import fit_rational
+from analysis.identification.static_gain import static_gain
 from analysis.identification.sweep_fit import fit_sweep
 from analysis.recorded.sweep import Sweep
+from sim_backend.plausible import LARGEST
 
 F = np.geomspace(5.0, 400.0, 80)
 RATE = 4000.0
@@ -55,6 +61,35 @@ def test_an_amplifier_behind_a_drawn_pole_is_followed(seed, late):
         real = fit.linear.poles_1_s()[fit.linear.sigma_1_s > fit.linear.omega_rad_s]
         # the block has two; the other stands where it changes nothing
         assert np.abs(1.0 + lag_s * real).min() < 0.01
+
+
+def loops(samples: float, loss: float) -> np.ndarray:
+    """What two modes behind an amplifier answer where a part of it lags by the same angle at every frequency."""
+    return measured(samples, 3e-5) * (1.0 - 1j * loss)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_static_gain_is_known_where_hysteresis_lags_below_the_band(seed):
+    drawn = np.random.default_rng(seed + 70)
+    exact = loops(float(drawn.uniform(0.0, 1.0)), float(drawn.uniform(5e-4, 3e-3)))
+    fit, _ = fit_sweep(sweep(exact, seed), RATE, (1, 2, 3, 4, 5, 6))
+    gain, std = static_gain(fit.linear), fit.gain_std
+    assert gain is not None and std is not None
+    assert std[0, 0] < 0.1 * abs(gain[0, 0])
+    assert gain[0, 0] == pytest.approx(40.0 / 195.0**2 + 300.0 / 880.0**2, rel=0.02)
+
+
+def test_deviations_of_what_is_not_determined_are_numbers_that_a_file_holds():
+    fit = fit_rational(F, measured(0.0, 0.0)[:, None, None], (2,), hold_rate_hz=RATE)
+    unknown = replace(
+        fit,
+        covariance=1e80 * np.eye(fit.layout.size),
+        omega_std_rad_s=np.full(2, 1e40),
+        sigma_std_1_s=np.full(2, np.inf),
+    )
+    std = deviations(unknown)
+    each = (std.omega_rad_s, std.sigma_1_s, std.b, std.b_direct, std.c, std.c_rate, std.d, std.delay_s)
+    assert max(float(np.max(one)) for one in each) == LARGEST
 
 
 def test_what_one_mode_misses_is_told():
