@@ -187,8 +187,10 @@ THOROUGH = (
     ("analysis/diagnosis/verdict/test_drifting.py::test_a_drift_is_heard_*", MORE),
     ("analysis/diagnosis/response/test_diagnose_response.py::test_a_linear_cause_is_named_*", MORE),
     ("analysis/diagnosis/response/test_diagnose_response.py::test_of_two_drives_and_two_readings_*", SEARCHED),
-    ("analysis/identification/test_sweep_fit.py::test_a_drawn_delay_is_found*", DRAWN),
-    ("analysis/identification/test_sweep_fit.py::test_an_amplifier_behind_a_drawn_pole_*", DRAWN),
+    *(
+        (f"analysis/identification/test_sweep_fit.py::test_{n}*", DRAWN)
+        for n in ("a_drawn_", "an_amplifier_", "the_static_")
+    ),
     ("analysis/identification/test_input_delay.py::test_modes_that_imitate_a_delay_*", MORE),
     ("analysis/identification/test_closed_loop.py::test_its_numbers_are_right_*", DRAWN),
     ("analysis/design/test_output.py::test_the_power_of_a_bench_*", "designs twice; the price of a move stays"),
@@ -350,6 +352,7 @@ STAY = (
     "analysis/diagnosis/verdict/test_drifting.py::test_a_drift_is_heard_*warming up-some walk]",
     "analysis/diagnosis/response/test_diagnose_response.py::test_a_linear_cause_is_named_*lag]",
     "analysis/identification/test_sweep_fit.py::test_an_amplifier_behind_a_drawn_pole_*4-2.4]",
+    "analysis/identification/test_sweep_fit.py::test_the_static_gain_is_known_*1]",
     "analysis/identification/test_input_delay.py::test_modes_that_imitate_a_delay_*white*",
     "analysis/identification/test_closed_loop.py::test_its_numbers_are_right_*drifting-10000]",
     "analysis/identification/test_refined.py::test_the_error_is_the_noise_*periodic, late*",

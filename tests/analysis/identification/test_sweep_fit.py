@@ -8,11 +8,13 @@ import control
 import numpy as np
 import pytest
 
-from analysis.identification.identified import deviations
+from analysis.identification.identified import deviations, identification
 from analysis.identification.rational import fit_rational
 from analysis.identification.static_gain import static_gain
 from analysis.identification.sweep_fit import fit_sweep
 from analysis.recorded.sweep import Sweep
+from sim_backend.errors import DataError
+from sim_backend.model import Port
 from sim_backend.plausible import LARGEST
 
 F = np.geomspace(5.0, 400.0, 80)
@@ -90,6 +92,14 @@ def test_deviations_of_what_is_not_determined_are_numbers_that_a_file_holds():
     std = deviations(unknown)
     each = (std.omega_rad_s, std.sigma_1_s, std.b, std.b_direct, std.c, std.c_rate, std.d, std.delay_s)
     assert max(float(np.max(one)) for one in each) == LARGEST
+
+
+def test_a_model_that_no_file_may_hold_is_refused():
+    fitted, _ = fit_sweep(sweep(measured(0.0, 0.0), 5), RATE, (2,))
+    absurd = replace(fitted, linear=fitted.linear.with_(c=1e40 * fitted.linear.c))
+    ports = [Port(name="u", unit="N m", dof="x")], [Port(name="y", unit="rad", dof="x")]
+    with pytest.raises(DataError, match=r"must be finite and at most 1e\+18.*--modes"):
+        identification(absurd, (), *ports, method="stepped sine", name="x", rate_hz=RATE, source="a test")
 
 
 def test_what_one_mode_misses_is_told():
