@@ -187,10 +187,7 @@ THOROUGH = (
     ("analysis/diagnosis/verdict/test_drifting.py::test_a_drift_is_heard_*", MORE),
     ("analysis/diagnosis/response/test_diagnose_response.py::test_a_linear_cause_is_named_*", MORE),
     ("analysis/diagnosis/response/test_diagnose_response.py::test_of_two_drives_and_two_readings_*", SEARCHED),
-    *(
-        (f"analysis/identification/test_sweep_fit.py::test_{n}*", DRAWN)
-        for n in ("a_drawn_", "an_amplifier_", "the_static_")
-    ),
+    *((f"analysis/identification/test_sweep_fit.py::test_{n}*", DRAWN) for n in ("a_drawn_", "an_amp", "the_static_")),
     ("analysis/identification/test_input_delay.py::test_modes_that_imitate_a_delay_*", MORE),
     ("analysis/identification/test_closed_loop.py::test_its_numbers_are_right_*", DRAWN),
     ("analysis/design/test_output.py::test_the_power_of_a_bench_*", "designs twice; the price of a move stays"),
