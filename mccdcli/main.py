@@ -12,6 +12,7 @@ import click
 from click.shell_completion import shell_complete
 
 from mccdcli.failures import exit_code_of
+from mccdcli.freed_memory import keep_freed_memory
 from mccdcli.lazy import LazyGroup
 from mccdcli.output import warnings_in_one_line
 from mccdcli.registry import COMMANDS, GROUPS
@@ -82,6 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, "1")
+    keep_freed_memory()
     _open_closed_streams()
     if isinstance(sys.stdout, TextIOWrapper):  # a terminal without Greek letters gets \u03b8, not an error
         sys.stdout.reconfigure(errors="backslashreplace")

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import settings
 from platformdirs import user_cache_path
 
+from mccdcli.freed_memory import keep_freed_memory
 from tests.running.client import OWNER, SOCKET
 from tests.selection import COLLECTED, is_thorough
 
@@ -26,6 +27,8 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 # Nothing has imported numpy yet: it reads these once.
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+keep_freed_memory()
 
 # jsonschema compiles a grammar of international addresses, if one is installed, while it is imported: 2 s of every
 # worker. No schema here has a format.

@@ -13,7 +13,7 @@ from analysis.design.uncertainty import MOST, static_response
 from analysis.recorded.requirements import STABILITY_RAD
 from sim_backend.control.blocks import DiscreteFilter
 from sim_backend.control.feedback import Margins, closed_loop_poles, loop_margins
-from sim_backend.control.lqg import Noise, least_reading_rad, lqg, reading_spectrum
+from sim_backend.control.lqg import LinearQuadraticGaussian, Noise, least_reading_rad, reading_spectrum
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel, discretise
 
@@ -100,7 +100,8 @@ def safe_feedbacks(plants: list[ModalModel], noise: Noise, rate_hz: float) -> It
     responses = np.stack([discretise(p, rate_hz).frequency_response(f)[:, 0, 0] for p in plants])
     candidates = [
         _candidate(f, responses, known, noise, e, d, rate_hz)
-        for known, e, d in product(_known(plants[0], rate_hz), EFFORTS_RAD_NM, DISTRUSTS)
+        for known in [LinearQuadraticGaussian(plant, noise, rate_hz) for plant in _known(plants[0], rate_hz)]
+        for e, d in product(EFFORTS_RAD_NM, DISTRUSTS)
     ]
     solved = [one for one in candidates if one is not None]
     if not solved:
@@ -151,11 +152,17 @@ class _Candidate:
 
 
 def _candidate(
-    f: Array, responses: ComplexArray, plant: ModalModel, noise: Noise, effort: float, distrust: float, rate_hz: float
+    f: Array,
+    responses: ComplexArray,
+    known: LinearQuadraticGaussian,
+    noise: Noise,
+    effort: float,
+    distrust: float,
+    rate_hz: float,
 ) -> _Candidate | None:
     """One pair of weights; None where the equations have no solution, as rounding finds with weights far apart."""
     try:
-        made = lqg(plant, noise, effort, distrust, rate_hz)
+        made = known.controller(effort, distrust)
     except ConfigError:
         return None
     response = made.frequency_response(f)

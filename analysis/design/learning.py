@@ -189,14 +189,7 @@ def design_learning(
         ]
     )
     # nearest to the inverse of all plants at once: where they differ it is small, and late by their mean delay
-    made = fitted_inverse(
-        np.tile(f, len(plants)),
-        closed.ravel(),
-        np.tile(weight, len(plants)),
-        inverse_poles(nominal, controller),
-        lead,
-        rate,
-    )
+    made = fitted_inverse(f, closed, weight, inverse_poles(nominal, controller), lead, rate)
     learned = Learned(plants, controller, made, lead, motion)
     ahead = closed * (np.exp(2j * np.pi * f / rate * lead) * made.frequency_response(f))
     found: list[LearningDesign] = []

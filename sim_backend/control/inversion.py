@@ -112,8 +112,12 @@ def fitted_inverse(
 ) -> DiscreteFilter:
     """Return L with the given `poles` that brings z^lead · process · L nearest to 1, weighed, by least squares.
 
-    `process` (n_f,) is the sampled response from the learned input to the output, `weight` (n_f,). `poles` hold one of
-    every conjugate pair. Raises ConfigError when a pole is not inside the unit circle, or the lead is negative.
+    `process` (n_f,), or (n, n_f) for n plants at once, is the sampled response from the learned input to the output,
+    `weight` (n_f,). `poles` hold one of every conjugate pair. Raises ConfigError when a pole is not inside the unit
+    circle, or the lead is negative.
+
+    At one frequency the sum over plants of |p L - 1|² is |g L - Σp*/g|² and what no L changes, with g² = Σ|p|²: one
+    row stands for all plants.
     """
     f, w = np.asarray(frequency_hz, dtype=float), np.asarray(weight, dtype=float)
     if lead_samples < 0 or not all(abs(p) < 1.0 for p in poles):
@@ -130,11 +134,17 @@ def fitted_inverse(
             columns += [1.0 / below, z / below]
         else:
             columns.append(1.0 / (z - p.real))
-    design = (w * z**lead_samples * np.asarray(process))[:, None] * np.stack(columns, axis=1)
+    plants = np.atleast_2d(np.asarray(process, dtype=complex))
+    strength = np.linalg.norm(plants, axis=0)
+    answers = strength > 0.0
+    wanted = np.divide(w * plants.sum(axis=0).conj(), strength, out=np.zeros_like(z), where=answers)
+    # the lead turns both sides of a row; here it turns the wanted one
+    wanted *= z ** (-lead_samples)
+    design = (w * strength)[:, None] * np.stack(columns, axis=1)
     size = np.linalg.norm(design, axis=0)
     size[size == 0.0] = 1.0
     stacked = np.vstack([(design / size).real, (design / size).imag])
-    found = np.linalg.lstsq(stacked, np.concatenate([w, np.zeros_like(w)]), rcond=_SINGULAR)[0] / size
+    found = np.linalg.lstsq(stacked, np.concatenate([wanted.real, wanted.imag]), rcond=_SINGULAR)[0] / size
     return _filter(poles, pairs, found, rate_hz)
 
 

@@ -28,7 +28,7 @@ DRIFT = 0.03
 """Steps of the drift per sample, in standard deviations of the disturbance: it sets how fast the integrator is."""
 
 _NO_DRIFT = 1e-5
-_REACHING_SAMPLES = 2000
+_DOUBLINGS = 11  # the first 2048 samples of a plant's impulse response show the size of its states
 
 
 @dataclass(frozen=True)
@@ -59,43 +59,74 @@ class Noise:
         return np.asarray(np.sqrt(1.0 - a**2) / np.abs(1.0 - a / z))
 
 
-def lqg(plant: ModalModel, noise: Noise, effort_rad_nm: float, distrust: float, rate_hz: float) -> DiscreteFilter:
-    """Return the controller, output per error, of a plant of one input and one output.
+class LinearQuadraticGaussian:
+    """The controllers, output per error, of one plant and noise: each regulator and each estimator is solved once.
 
-    The regulator weighs a torque of 1 N m like an error of `effort_rad_nm` rad; `distrust` is the fictitious white
-    torque in units of `noise.torque_nm`. Raises ConfigError when the Riccati equations have no solution, or as
-    `siso_matrices`.
+    The plant has one input and one output. Raises as `siso_matrices`.
     """
-    a, b, c = _in_units_of(noise, *siso_matrices(discretise(plant, rate_hz)))
-    n = a.shape[0]
-    whole, seen, driven = _with_disturbance(noise, a, b, c, distrust, DRIFT, rate_hz)
-    enters = np.vstack([b, np.zeros((2, 1))])
-    effort = np.eye(1) * (effort_rad_nm * noise.torque_nm / noise.reading_rad) ** 2
-    spread = _riccati(whole.T, seen.T, driven, np.eye(1))
-    cost = _riccati(a, b, c.T @ c, effort)
-    blend = spread @ seen.T / (seen @ spread @ seen.T + 1.0)
-    gain = np.linalg.solve(b.T @ cost @ b + effort, b.T @ cost @ a)
-    full = np.hstack([gain, np.ones((1, 2))])
-    # estimate from the newest reading: x+ = x + blend (y - C x); u = -full x+; the filter sees the error -y
-    correct = np.eye(n + 2) - blend @ seen
-    step = whole - enters @ full
-    out, in_ = noise.torque_nm, 1.0 / noise.reading_rad
-    return filter_from_state_space(
-        step @ correct, -step @ blend * in_, -full @ correct * out, full @ blend * out * in_, rate_hz
-    )
+
+    def __init__(self, plant: ModalModel, noise: Noise, rate_hz: float) -> None:
+        self._a, self._b, self._c = _in_units_of(noise, *siso_matrices(discretise(plant, rate_hz)))
+        self._noise, self._rate_hz = noise, rate_hz
+        self._estimators: dict[float, tuple[Array, Array, Array]] = {}
+        self._regulators: dict[float, Array] = {}
+
+    def controller(self, effort_rad_nm: float, distrust: float) -> DiscreteFilter:
+        """Return the controller of two weights.
+
+        The regulator weighs a torque of 1 N m like an error of `effort_rad_nm` rad; `distrust` is the fictitious white
+        torque in units of `noise.torque_nm`. Raises ConfigError when the Riccati equations have no solution.
+        """
+        whole, seen, blend = self._estimator(distrust)
+        full = np.hstack([self._regulator(effort_rad_nm), np.ones((1, 2))])
+        # estimate from the newest reading: x+ = x + blend (y - C x); u = -full x+; the filter sees the error -y
+        correct = np.eye(whole.shape[0]) - blend @ seen
+        step = whole - np.vstack([self._b, np.zeros((2, 1))]) @ full
+        out, in_ = self._noise.torque_nm, 1.0 / self._noise.reading_rad
+        return filter_from_state_space(
+            step @ correct, -step @ blend * in_, -full @ correct * out, full @ blend * out * in_, self._rate_hz
+        )
+
+    def innovation_rad(self) -> float:
+        """Return the standard deviation of what the best estimate from all earlier readings leaves of the next one."""
+        # a drift that is all but none: the plant, not the drift, decides
+        _, seen, spread = self._spread(0.0, _NO_DRIFT)
+        return self._noise.reading_rad * float(np.sqrt((seen @ spread @ seen.T)[0, 0] + 1.0))
+
+    def _estimator(self, distrust: float) -> tuple[Array, Array, Array]:
+        """Return transition, output and gain of the Kalman filter of plant, disturbance and drift."""
+        if distrust not in self._estimators:
+            whole, seen, spread = self._spread(distrust, DRIFT)
+            self._estimators[distrust] = whole, seen, spread @ seen.T / (seen @ spread @ seen.T + 1.0)
+        return self._estimators[distrust]
+
+    def _spread(self, distrust: float, drift: float) -> tuple[Array, Array, Array]:
+        whole, seen, driven = _with_disturbance(self._noise, self._a, self._b, self._c, distrust, drift, self._rate_hz)
+        return whole, seen, _riccati(whole.T, seen.T, driven, np.eye(1))
+
+    def _regulator(self, effort_rad_nm: float) -> Array:
+        if effort_rad_nm not in self._regulators:
+            a, b, c = self._a, self._b, self._c
+            effort = np.eye(1) * (effort_rad_nm * self._noise.torque_nm / self._noise.reading_rad) ** 2
+            cost = _riccati(a, b, c.T @ c, effort)
+            self._regulators[effort_rad_nm] = np.asarray(
+                np.linalg.solve(b.T @ cost @ b + effort, b.T @ cost @ a), float
+            )
+        return self._regulators[effort_rad_nm]
+
+
+def lqg(plant: ModalModel, noise: Noise, effort_rad_nm: float, distrust: float, rate_hz: float) -> DiscreteFilter:
+    """Return one controller of `LinearQuadraticGaussian`; raises as it."""
+    return LinearQuadraticGaussian(plant, noise, rate_hz).controller(effort_rad_nm, distrust)
 
 
 def least_reading_rad(plant: ModalModel, noise: Noise, rate_hz: float) -> float:
     """Return a standard deviation (rad) of the reading below which no linear feedback of the reading can bring it.
 
-    It is that of the innovation, what the best estimate from all earlier readings leaves of the next one. Source:
-    K. J. Åström, Introduction to Stochastic Control Theory (1970), minimum variance control. Raises as `lqg`.
+    It is that of the innovation. Source: K. J. Åström, Introduction to Stochastic Control Theory (1970), minimum
+    variance control. Raises as `LinearQuadraticGaussian`.
     """
-    a, b, c = _in_units_of(noise, *siso_matrices(discretise(plant, rate_hz)))
-    # a drift that is all but none: the plant, not the drift, decides
-    whole, seen, driven = _with_disturbance(noise, a, b, c, 0.0, _NO_DRIFT, rate_hz)
-    spread = _riccati(whole.T, seen.T, driven, np.eye(1))
-    return noise.reading_rad * float(np.sqrt((seen @ spread @ seen.T)[0, 0] + 1.0))
+    return LinearQuadraticGaussian(plant, noise, rate_hz).innovation_rad()
 
 
 def _with_disturbance(
@@ -123,10 +154,10 @@ def _in_units_of(noise: Noise, a: Array, b: Array, c: Array) -> tuple[Array, Arr
 
     In SI its numbers lie ten powers of ten apart, and rounding then finds no solution of the Riccati equations.
     """
-    reached, column = np.zeros(a.shape[0]), b[:, 0] * noise.torque_nm
-    for _ in range(_REACHING_SAMPLES):
-        reached += column**2
-        column = a @ column
+    answer, ahead = b * noise.torque_nm, a
+    for _ in range(_DOUBLINGS):  # [b, A b], then A² times both, and so on
+        answer, ahead = np.hstack([answer, ahead @ answer]), ahead @ ahead
+    reached = np.sum(answer**2, axis=1)
     size = np.sqrt(np.where(reached > 0.0, reached, 1.0))
     return a * size / size[:, None], b * noise.torque_nm / size[:, None], c * size / noise.reading_rad
 

@@ -113,6 +113,33 @@ def test_without_lead_the_inverse_cannot_be_causal():
     assert np.max(np.abs(1.0 - closed * made.frequency_response(f))) > 0.1
 
 
+def test_a_filter_for_several_plants_leaves_least_on_all_of_them_together():
+    """No other numerators over the same poles leave less: the error is at right angles to every column."""
+    model, feedback, f = discretise(plant(), RATE_HZ), theta_controller(), np.geomspace(2.0, 4900.0, 800)
+    one = process_sensitivity(model.frequency_response(f)[:, 0, 0], feedback.frequency_response(f))
+    z = np.exp(2j * np.pi * f / RATE_HZ)
+    closed = np.stack([one, 1.3 * one * z**-0.4, 0.8 * one * z**-1.2])
+    weight, pole = np.where(f < 1500.0, 1.0, 0.01), 0.6 * np.exp(0.9j)
+    made = fitted_inverse(f, closed, weight, [pole, 0.5 + 0.0j], 3, RATE_HZ)
+    left = weight * (z**3 * closed * made.frequency_response(f) - 1.0)
+    pair = 1.0 / ((z - pole) * (z - pole.conjugate()))
+    for column in (np.ones_like(z), pair, z * pair, 1.0 / (z - 0.5)):
+        moved = weight * z**3 * closed * column
+        along = np.vdot(moved, left).real
+        assert abs(along) < 1e-9 * np.linalg.norm(moved) * np.linalg.norm(left)
+    assert np.linalg.norm(left) < 0.9 * np.linalg.norm(np.broadcast_to(weight, closed.shape))
+
+
+def test_a_frequency_at_which_no_plant_answers_decides_nothing():
+    model, feedback, f = discretise(plant(), RATE_HZ), theta_controller(), np.geomspace(2.0, 4900.0, 300)
+    closed = process_sensitivity(model.frequency_response(f)[:, 0, 0], feedback.frequency_response(f))
+    poles, without = inverse_poles(model, feedback), np.arange(f.size) != 7
+    silent = np.where(without, closed, 0.0)
+    made = [fitted_inverse(f[k], silent[k], np.ones(k.sum()), poles, 10, RATE_HZ) for k in (without, without | True)]
+    first, second = (one.frequency_response(f) for one in made)
+    np.testing.assert_allclose(first, second, rtol=1e-9)
+
+
 def test_a_learning_filter_that_grows_is_refused():
     with pytest.raises(ConfigError, match="inside the unit circle"):
         fitted_inverse([1.0, 2.0], [1.0, 1.0], [1.0, 1.0], [1.01 + 0.0j], 1, RATE_HZ)
