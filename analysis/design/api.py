@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -160,17 +160,29 @@ def _design_axis(
         most_w = np.inf if options.most_w is None else options.most_w
         allowed_s = options.settling_s if options.most_w is None else affordable(curve, most_w).allowed_s
         prices = prices_of(design, dof, options.reach_rad, allowed_s, limits, column)
-        within = (one for one in prices if not one.power_w > most_w)
+        within = _within(prices, most_w, float(limits.current_a))
         feedbacks = list(islice(safe_feedbacks(plants, noise.noise, rate), TRIED))
         price, feedback, learning = _surest(plants, feedbacks, sweep, options, within, rate)
+        _require("3σ on the worst plant", float(feedback.three_sigma_rad.max()), STABILITY_RAD, "rad")
     except ConfigError as error:
         raise ConfigError(f"axis '{dof}': {error}") from None
     late = late_samples(plants, rate)
     control = _control(dof, feedback, learning, price.move, options, rate, late)
-    _require(dof, "3σ on the worst plant", float(feedback.three_sigma_rad.max()), STABILITY_RAD, "rad")
-    _require(dof, "peak current", price.peak_a, float(limits.current_a), "A")
     time_s = np.arange(price.motion_rad.size) / rate
     return AxisDesign(dof, control, noise, feedback, learning, price, curve, time_s)
+
+
+def _within(prices: Iterable[Price], most_w: float, most_a: float) -> Iterator[Price]:
+    """Yield the moves within power and peak current; raises ConfigError where none is."""
+    least_a, found = np.inf, False
+    for one in prices:
+        least_a = min(least_a, one.peak_a)
+        if not one.power_w > most_w and one.peak_a <= most_a:
+            found = True
+            yield one
+    if not found:
+        _require("peak current", least_a, most_a, "A")
+        raise ConfigError(f"every move within {most_a:.3g} A dissipates more than {most_w:.3g} W; allow more of either")
 
 
 def _surest(
@@ -320,10 +332,10 @@ def require_swept(runs: Sequence[Run], axes: Sequence[str]) -> None:
         )
 
 
-def _require(dof: str, what: str, value: float, limit: float, unit: str) -> None:
+def _require(what: str, value: float, limit: float, unit: str) -> None:
     """Raise ConfigError when a number that the design predicts lies beyond its limit."""
     if not value <= limit:
         raise ConfigError(
-            f"axis '{dof}': {what} would be {value:.3g} {unit}, the limit is {limit:.3g} {unit}; "
+            f"{what} would be {value:.3g} {unit}, the limit is {limit:.3g} {unit}; "
             "allow more time for the move, or identify the axis better"
         )

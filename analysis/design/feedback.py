@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -47,6 +47,9 @@ EFFORTS_RAD_NM = tuple(float(e) for e in np.geomspace(1e-4, 1e-2, 25))
 where the Riccati equations begin to lose their solution to rounding."""
 
 DISTRUSTS = (0.0, 3.0, 5.5, 10.0, 17.0, 30.0)
+
+HALVINGS = 2
+"""How often the steps between the weights are halved where none of the grid is quiet: to a tenth of an effort."""
 
 
 @dataclass(frozen=True)
@@ -98,12 +101,15 @@ def safe_feedbacks(plants: list[ModalModel], noise: Noise, rate_hz: float) -> It
     """
     f = frequency_grid(plants[0], rate_hz)
     responses = np.stack([discretise(p, rate_hz).frequency_response(f)[:, 0, 0] for p in plants])
-    candidates = [
-        _candidate(f, responses, known, noise, e, d, rate_hz)
-        for known in [LinearQuadraticGaussian(plant, noise, rate_hz) for plant in _known(plants[0], rate_hz)]
-        for e, d in product(EFFORTS_RAD_NM, DISTRUSTS)
-    ]
-    solved = [one for one in candidates if one is not None]
+    solved: list[_Candidate] = []
+    for plant in _known(plants[0], rate_hz):
+        known = LinearQuadraticGaussian(plant, noise, rate_hz)
+
+        def tried(effort: float, distrust: float, known: LinearQuadraticGaussian = known) -> _Candidate | None:
+            return _candidate(f, responses, known, noise, effort, distrust, rate_hz)
+
+        some = [one for e, d in product(EFFORTS_RAD_NM, DISTRUSTS) if (one := tried(e, d)) is not None]
+        solved += [*some, *_refined(some, tried)]
     if not solved:
         raise ConfigError(
             "feedback: no Riccati equation of this plant and noise can be solved in double precision; compare gains "
@@ -135,6 +141,34 @@ def _known(plant: ModalModel, rate_hz: float) -> list[ModalModel]:
     return [plant, strong.with_(delay_s=strong.delay_s + 1.0 / rate_hz)]
 
 
+def _refined(some: Sequence[_Candidate], tried: Callable[[float, float], _Candidate | None]) -> Iterator[_Candidate]:
+    """Yield better weights between those of a grid, where none of it is quiet: a pattern search from half its steps on.
+
+    The best weights lie where a limit of |S| begins, along which both change, so both are moved at once as well.
+
+    Source: T. G. Kolda, R. M. Lewis and V. Torczon, SIAM Review 45 (2003), 385, section 1.1.
+    """
+    best = min(some, key=_Candidate.rank, default=None)
+    if best is None or best.rank() <= (0.0, QUIET * STABILITY_RAD):
+        return
+    step = np.array([0.5 * np.log(EFFORTS_RAD_NM[1] / EFFORTS_RAD_NM[0]), 0.25])
+    for _ in range(HALVINGS):
+        moved = True
+        while moved:
+            moved = False
+            for towards in product((-1, 0, 1), repeat=2):
+                change = step * towards
+                effort = float(best.effort_rad_nm * np.exp(change[0]))
+                distrust = float(np.expm1(np.log1p(best.distrust) + change[1]))
+                if not EFFORTS_RAD_NM[0] <= effort <= EFFORTS_RAD_NM[-1] or not 0.0 <= distrust <= DISTRUSTS[-1]:
+                    continue
+                one = tried(effort, distrust)
+                if one is not None and one.rank() < best.rank():
+                    best, moved = one, True
+                    yield one
+        step = 0.5 * step
+
+
 @dataclass(frozen=True)
 class _Candidate:
     """A feedback and what it does on every plant."""
@@ -144,6 +178,11 @@ class _Candidate:
     distrust: float
     peak_db: Array
     three_sigma_rad: Array
+
+    def rank(self) -> tuple[float, float]:
+        """Return what is to be least: by how much |S| breaks its limits in dB, then the 3σ on the worst plant."""
+        broken = max(float(self.peak_db[0]) - PEAK_DB, self.most_peak_db - WORST_PEAK_DB, 0.0)
+        return broken, float(self.three_sigma_rad.max())
 
     @property
     def most_peak_db(self) -> float:

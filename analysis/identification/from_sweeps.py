@@ -35,6 +35,7 @@ def identify_sweeps(
     inputs: list[Channel] = []
     outputs: list[Channel] = []
     curves: list[ResponseCurve] = []
+    may_grow: list[ResponseCurve] = []
     remarks: list[str] = []
     known = remarks_on_records(runs)
     for remark in known:
@@ -48,6 +49,9 @@ def identify_sweeps(
         remarks += told
         into, out = ([c for c in run.channels.values() if (c.role, c.dof) == (r, sweep.axis)] for r in ROLES[:2])
         curves.append(curve_of_sweep(sweep, into[0].name, out[0].name))
+        # what is swept without a loop, as a bench is here, and comes to rest again cannot grow
+        if run.header.bench.get("kind") == "imported" or run.names("reference"):
+            may_grow.append(curves[-1])
         inputs += into
         outputs += out
     each = [[i] for i in range(len(fits))]
@@ -58,7 +62,7 @@ def identify_sweeps(
     whole = Fitted(linear, std, chi2, dof, dropped=dropped, gain_std=_beside([fit.gain_std for fit in fits.values()]))
     ports = ([Port(name=c.name, unit=c.unit, dof=c.dof) for c in some] for some in (inputs, outputs))
     found = identification(whole, runs, *ports, method="stepped sine", name=name, response=tuple(curves))
-    grows = remarks_on_growth(found.model, curves)
+    grows = remarks_on_growth(found.model, may_grow)
     return replace(found, remarks=(*known, *grows, *found.remarks, *remarks))
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.identification.determined import SIGNIFICANT, dropped_from
 from analysis.identification.dropped import UNDETERMINED
-from analysis.identification.identified import Fitted, fitted_by
+from analysis.identification.identified import Fitted, deviations, fitted_by
 from analysis.identification.missed_response import worst_miss
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.rational import fit_rational
@@ -70,12 +70,20 @@ def fit_sweep(sweep: Sweep, rate_hz: float, orders: tuple[int, ...]) -> tuple[Fi
     return replace(fitted, linear=model), _told(sweep, modelled)
 
 
-def _doubtful(fit: RationalFit) -> int | None:
-    """Return the mode that is to be given up first: one of unknown damping, or the slowest where no gain is known."""
-    known = fit.model.sigma_1_s / np.maximum(fit.sigma_std_1_s, np.finfo(float).tiny)
+def _doubtful(fit: RationalFit) -> list[int]:
+    """Return the modes to be given up, in turn: of unknown damping or size, or the slowest of unknown gain.
+
+    The sizes of two modes that only cancel each other are not known, however well known both dampings are.
+    """
+    model, std, least = fit.model, deviations(fit), np.finfo(float).tiny
+    size, by_rate = (
+        np.abs(model.c[0]) / np.maximum(std.c[0], least),
+        np.abs(model.c_rate[0]) / np.maximum(std.c_rate[0], least),
+    )
+    known = np.minimum(model.sigma_1_s / np.maximum(fit.sigma_std_1_s, least), np.maximum(size, by_rate))
     if np.any(known < SIGNIFICANT):
-        return int(np.argmin(known))
-    return None if _rests(fit) else int(np.argmin(np.min(np.abs(fit.model.poles_1_s()), axis=1)))
+        return [int(i) for i in np.argsort(known) if known[i] < SIGNIFICANT]
+    return [] if _rests(fit) else [int(np.argmin(np.min(np.abs(model.poles_1_s()), axis=1)))]
 
 
 def _rests(fit: RationalFit) -> bool:
@@ -130,7 +138,7 @@ def _chosen(sweep: Sweep, rate_hz: float, orders: tuple[int, ...], structure: St
     early = sweep.response * np.exp(2j * np.pi * sweep.frequency_hz / rate_hz * whole)
     magnitude2 = np.abs(early) ** 2
 
-    def fitted(choice: tuple[int, ...], relative2: float) -> RationalFit:
+    def fitted(choice: tuple[int, ...], relative2: float, start: ModalModel | None = None) -> RationalFit:
         return fit_rational(
             sweep.frequency_hz,
             early[:, None, None],
@@ -138,6 +146,7 @@ def _chosen(sweep: Sweep, rate_hz: float, orders: tuple[int, ...], structure: St
             variance=(sweep.variance + relative2 * magnitude2)[:, None, None],
             hold_rate_hz=rate_hz,
             structure=structure,
+            start=start,
         )
 
     def missed2(fit: RationalFit) -> float:
@@ -149,10 +158,20 @@ def _chosen(sweep: Sweep, rate_hz: float, orders: tuple[int, ...], structure: St
     if structure != _PLAIN and len(orders) > 1:  # with more freedom a large order alone may end anywhere
         relative2 = min(relative2, missed2(fitted(orders, RELATIVE_START**2)))
     fit = fitted(orders, relative2)
-    while fit.model.n_blocks > orders[0] and (doubtful := _doubtful(fit)) is not None:
-        fewer = fitted((fit.model.n_blocks - 1,), relative2)
+
+    def without(one: RationalFit, doubtful: int) -> RationalFit | None:
+        """Return the fit with a mode fewer; None where what is doubtful is needed."""
+        rest = one.model.only(np.arange(one.model.n_blocks) != doubtful)
+        # a new start may miss a mode that the larger fit had found
+        fewer = min((fitted((rest.n_blocks,), relative2, start) for start in (None, rest)), key=lambda each: each.chi2)
         # one of two real poles may be far off although the block is real; a mode of no width is the error of a line
-        if structure.form == "general" and _rests(fit) and missed2(fewer) > CLEARER**2 * missed2(fit):
-            break
-        fit = replace(fewer, dropped=(*fit.dropped, dropped_from(fit, doubtful, fewer, UNDETERMINED)))
+        real = one.model.sigma_1_s[doubtful] >= one.model.omega_rad_s[doubtful]
+        if real and _rests(one) and missed2(fewer) > CLEARER**2 * missed2(one):
+            return None
+        return replace(fewer, dropped=(*one.dropped, dropped_from(one, doubtful, fewer, UNDETERMINED)))
+
+    smaller: RationalFit | None = fit
+    while smaller is not None:
+        fit, some = smaller, _doubtful(smaller) if smaller.model.n_blocks > orders[0] else []
+        smaller = next((less for one in some if (less := without(fit, one)) is not None), None)
     return _Try(fit, whole, missed2(fit))
