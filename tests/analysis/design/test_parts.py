@@ -6,9 +6,19 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from analysis.design.api import Options
+from analysis.design.api import Options, _within
 from analysis.design.expected import Motion
-from analysis.design.feedback import PEAK_DB, WORST_PEAK_DB, design_feedback, frequency_grid, largest_pole, three_sigma
+from analysis.design.feedback import (
+    DISTRUSTS,
+    EFFORTS_RAD_NM,
+    PEAK_DB,
+    QUIET,
+    WORST_PEAK_DB,
+    design_feedback,
+    frequency_grid,
+    largest_pole,
+    three_sigma,
+)
 from analysis.design.learning import QUICK_GAIN, STEADY_GAINS, averaging_gains, design_learning
 from analysis.design.moves import MARGIN, UNLEARNED, design_move
 from analysis.design.noise import measure_noise
@@ -16,6 +26,7 @@ from analysis.design.price import affordable, price_curve
 from analysis.design.uncertainty import MOST, Tolerance, drawn_plants
 from analysis.measurements.power import coil_power
 from analysis.measurements.settling import BAND_RAD
+from analysis.recorded.requirements import STABILITY_RAD
 from analysis.recorded.sweep import Sweep
 from campaigns.benches import open_bench
 from campaigns.strategies.design import Design
@@ -174,6 +185,33 @@ def test_the_chosen_feedback_is_better_than_a_cautious_one_and_not_below_the_bou
     assert feedback.three_sigma_rad[0] > feedback.least_rad > 3.0 * NOISE.reading_rad
     shares = np.hypot(feedback.from_torque_rad, feedback.from_reading_rad)
     assert shares == pytest.approx(feedback.three_sigma_rad[0], rel=1e-9)
+
+
+def test_a_loud_bench_has_weights_between_those_of_the_grid(plants):
+    loud = Noise(4.0 * NOISE.torque_nm, NOISE.bandwidth_hz, 4.0 * NOISE.reading_rad)
+    found = design_feedback(plants, loud, RATE_HZ)
+    assert found.three_sigma_rad.max() > QUIET * STABILITY_RAD
+    f = frequency_grid(plants[0], RATE_HZ)
+    p = np.stack([discretise(plant, RATE_HZ).frequency_response(f)[:, 0, 0] for plant in plants])
+    best = np.inf
+    for effort in EFFORTS_RAD_NM:
+        for distrust in DISTRUSTS:
+            k = lqg(plants[0], loud, effort, distrust, RATE_HZ).frequency_response(f)
+            peaks = 20.0 * np.log10(np.max(1.0 / np.abs(1.0 + p * k), axis=1))
+            if peaks[0] <= PEAK_DB and np.quantile(peaks, MOST) <= WORST_PEAK_DB:
+                best = min(best, float(three_sigma(f, p, k, loud, RATE_HZ).max()))
+    assert found.three_sigma_rad.max() < best < np.inf
+    assert found.peak_db[0] <= PEAK_DB and np.quantile(found.peak_db, MOST) <= WORST_PEAK_DB
+
+
+def test_a_move_beyond_a_limit_is_left_out_and_the_reason_told_where_none_is_left(curve):
+    currents = [one.peak_a for one in curve]
+    most_a = float(np.median(currents))
+    assert [one.peak_a for one in _within(curve, np.inf, most_a)] == [a for a in currents if a <= most_a]
+    with pytest.raises(ConfigError, match="peak current would be .* A, the limit is 0.01 A"):
+        list(_within(curve, np.inf, 0.01))
+    with pytest.raises(ConfigError, match="dissipates more than 1e-06 W"):
+        list(_within(curve, 1e-6, most_a))
 
 
 def test_a_plant_that_nobody_knows_is_refused():

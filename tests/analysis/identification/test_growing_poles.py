@@ -13,7 +13,8 @@ from analysis.identification.from_table import identify_table
 from analysis.identification.identified import Identification
 from analysis.identification.identify import identify_runs
 from campaigns.importing import import_run
-from campaigns.log import read_run
+from campaigns.log import LogWriter, read_run
+from sim_backend.bench import Signal
 from tests.analysis.identification.test_closed_loop import MAP, NOISES, RATE_HZ, ROWS, played
 from tests.analysis.identification.test_from_table import F, response, written
 
@@ -98,3 +99,27 @@ def test_a_stable_table_is_not_called_unstable(tmp_path, modes, late_s):
     h = h * (1.0 + 1e-2 * (rng.standard_normal(F.size) + 1j * rng.standard_normal(F.size)))
     path = written(tmp_path / "h.csv", ["f (Hz)", "Re", "Im"], [F, h.real, h.imag])
     assert growing(identify_table(path, modes=modes)) == []
+
+
+@pytest.mark.parametrize(("kind", "reference", "told"), [("file", False, 0), ("file", True, 1), ("imported", False, 1)])
+def test_what_a_bench_sweeps_without_a_loop_is_not_called_unstable(tmp_path, kind, reference, told):
+    """A sweep from elsewhere may be of a loop that it does not tell of; one of our own says that it was none."""
+    rng, rate, n = np.random.default_rng(3), 2000.0, 1000
+    ports = [
+        ("torque_x", "N m", "input"),
+        ("x", "rad", "output"),
+        *([("goal", "rad", "reference")] if reference else []),
+    ]
+    channels = [Signal(name, unit, role, "x", rate) for name, unit, role in ports]  # type: ignore[arg-type]
+    t = np.arange(n) / rate
+    with LogWriter.create(
+        tmp_path / "run.h5", channels, test="sinesweep", bench={"kind": kind, "name": "other"}
+    ) as log:
+        for f in np.arange(2.0, 82.0, 2.0).tolist():  # whole periods
+            g = np.linalg.solve(2j * np.pi * f * np.eye(2) - PLANTS["flutter"], [0.0, 100.0])[0]
+            x = np.abs(g) * np.cos(2.0 * np.pi * f * t + np.angle(g)) + 1e-4 * np.abs(g) * rng.standard_normal(n)
+            rows = {"torque_x": np.cos(2.0 * np.pi * f * t), "x": x} | ({"goal": x} if reference else {})
+            with log.segment(f"{f:g} Hz", {"axis": "x", "frequency_hz": f, "measure_from": 0}):
+                log.append(rows)
+    with read_run(tmp_path / "run.h5") as run:
+        assert len(growing(identify_runs([run], modes=1))) == told

@@ -81,6 +81,22 @@ def test_the_static_gain_is_known_where_hysteresis_lags_below_the_band(seed):
     assert gain[0, 0] == pytest.approx(40.0 / 195.0**2 + 300.0 / 880.0**2, rel=0.02)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_no_mode_is_kept_whose_width_or_size_is_unknown(seed):
+    """A resonance that bends, as with hysteresis, draws modes to itself that only cancel each other."""
+    drawn = np.random.default_rng(seed + 900)
+    hump = drawn.uniform(0.005, 0.05) * np.exp(1j * drawn.uniform(-np.pi, np.pi))
+    bent = 1.0 + hump / (1.0 + ((F - drawn.uniform(29.0, 33.0)) / drawn.uniform(0.3, 3.0)) ** 2)
+    loss = float(drawn.uniform(5e-4, 3e-3))
+    fit, _ = fit_sweep(sweep(bent * loops(float(drawn.uniform(0.0, 1.0)), loss), seed), RATE, (1, 2, 3, 4, 5, 6))
+    model, std = fit.linear, fit.std
+    swings = model.sigma_1_s < model.omega_rad_s
+    assert swings.sum() >= 2
+    assert np.all(model.sigma_1_s[swings] >= 3.0 * std.sigma_1_s[swings])
+    known = (np.abs(model.c[0]) >= 3.0 * std.c[0]) | (np.abs(model.c_rate[0]) >= 3.0 * std.c_rate[0])
+    assert np.all(known[swings])
+
+
 def test_deviations_of_what_is_not_determined_are_numbers_that_a_file_holds():
     fit = fit_rational(F, measured(0.0, 0.0)[:, None, None], (2,), hold_rate_hz=RATE)
     unknown = replace(
