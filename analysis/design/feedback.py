@@ -49,7 +49,11 @@ where the Riccati equations begin to lose their solution to rounding."""
 DISTRUSTS = (0.0, 3.0, 5.5, 10.0, 17.0, 30.0)
 
 HALVINGS = 2
-"""How often the steps between the weights are halved where none of the grid is quiet: to a tenth of an effort."""
+"""How often the steps between the weights are halved where none of the grid is quiet: an effort to 5 %."""
+
+
+AROUND = tuple(one for one in product((-1, 0, 1), repeat=2) if any(one))
+"""Directions of a search in effort and distrust."""
 
 
 @dataclass(frozen=True)
@@ -151,12 +155,13 @@ def _refined(some: Sequence[_Candidate], tried: Callable[[float, float], _Candid
     best = min(some, key=_Candidate.rank, default=None)
     if best is None or best.rank() <= (0.0, QUIET * STABILITY_RAD):
         return
-    step = np.array([0.5 * np.log(EFFORTS_RAD_NM[1] / EFFORTS_RAD_NM[0]), 0.25])
+    # a step of the grid is about half in the logarithm of one plus the distrust
+    step = 0.5 * np.array([np.log(EFFORTS_RAD_NM[1] / EFFORTS_RAD_NM[0]), 0.5])
     for _ in range(HALVINGS):
         moved = True
         while moved:
             moved = False
-            for towards in product((-1, 0, 1), repeat=2):
+            for towards in AROUND:
                 change = step * towards
                 effort = float(best.effort_rad_nm * np.exp(change[0]))
                 distrust = float(np.expm1(np.log1p(best.distrust) + change[1]))

@@ -115,11 +115,6 @@ class LinearQuadraticGaussian:
         return self._regulators[effort_rad_nm]
 
 
-def lqg(plant: ModalModel, noise: Noise, effort_rad_nm: float, distrust: float, rate_hz: float) -> DiscreteFilter:
-    """Return one controller of `LinearQuadraticGaussian`; raises as it."""
-    return LinearQuadraticGaussian(plant, noise, rate_hz).controller(effort_rad_nm, distrust)
-
-
 def least_reading_rad(plant: ModalModel, noise: Noise, rate_hz: float) -> float:
     """Return a standard deviation (rad) of the reading below which no linear feedback of the reading can bring it.
 

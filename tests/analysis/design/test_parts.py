@@ -33,7 +33,7 @@ from campaigns.strategies.design import Design
 from campaigns.strategies.designed import move_over
 from sim_backend.control.chop import Chop
 from sim_backend.control.inversion import periodic_input, siso_matrices
-from sim_backend.control.lqg import Noise, lqg
+from sim_backend.control.lqg import LinearQuadraticGaussian, Noise
 from sim_backend.errors import ConfigError, DataError
 from sim_backend.linear import discretise
 from sim_backend.model import Quantity, from_linear, load_model
@@ -180,7 +180,7 @@ def test_the_predicted_scatter_is_what_a_simulated_loop_shows(plants, feedback):
 def test_the_chosen_feedback_is_better_than_a_cautious_one_and_not_below_the_bound(plants, feedback):
     f = frequency_grid(plants[0], RATE_HZ)
     p = discretise(plants[0], RATE_HZ).frequency_response(f)[:, 0, 0][None]
-    cautious = lqg(plants[0], NOISE, 1e-2, 10.0, RATE_HZ).frequency_response(f)
+    cautious = LinearQuadraticGaussian(plants[0], NOISE, RATE_HZ).controller(1e-2, 10.0).frequency_response(f)
     assert feedback.three_sigma_rad[0] < three_sigma(f, p, cautious, NOISE, RATE_HZ)[0]
     assert feedback.three_sigma_rad[0] > feedback.least_rad > 3.0 * NOISE.reading_rad
     shares = np.hypot(feedback.from_torque_rad, feedback.from_reading_rad)
@@ -196,7 +196,7 @@ def test_a_loud_bench_has_weights_between_those_of_the_grid(plants):
     best = np.inf
     for effort in EFFORTS_RAD_NM:
         for distrust in DISTRUSTS:
-            k = lqg(plants[0], loud, effort, distrust, RATE_HZ).frequency_response(f)
+            k = LinearQuadraticGaussian(plants[0], loud, RATE_HZ).controller(effort, distrust).frequency_response(f)
             peaks = 20.0 * np.log10(np.max(1.0 / np.abs(1.0 + p * k), axis=1))
             if peaks[0] <= PEAK_DB and np.quantile(peaks, MOST) <= WORST_PEAK_DB:
                 best = min(best, float(three_sigma(f, p, k, loud, RATE_HZ).max()))

@@ -6,7 +6,7 @@ from scipy.linalg import solve_discrete_lyapunov
 
 from sim_backend.control.feedback import closed_loop_poles, theta_controller
 from sim_backend.control.inversion import siso_matrices
-from sim_backend.control.lqg import DRIFT, Noise, least_reading_rad, lqg, reading_spectrum
+from sim_backend.control.lqg import DRIFT, LinearQuadraticGaussian, Noise, least_reading_rad, reading_spectrum
 from sim_backend.errors import ConfigError
 from sim_backend.linear import ModalModel, discretise
 
@@ -56,7 +56,7 @@ def test_it_is_the_regulator_and_the_estimator_that_solve_their_riccati_equation
     full = np.hstack([b.T @ cost @ a / (b.T @ cost @ b + effort**2), np.ones((1, 2))])
     forward = (whole - np.vstack([b, np.zeros((2, 1))]) @ full) @ (np.eye(6) - blend @ seen)
     f = np.geomspace(1.0, 4900.0, 200)
-    ours = lqg(plant(), NOISE, effort, distrust, RATE_HZ).frequency_response(f)
+    ours = LinearQuadraticGaussian(plant(), NOISE, RATE_HZ).controller(effort, distrust).frequency_response(f)
     wanted = []
     for x in np.exp(2j * np.pi * f / RATE_HZ):
         # the estimator in its own words: predict from the last estimate, correct with the reading, regulate
@@ -67,7 +67,7 @@ def test_it_is_the_regulator_and_the_estimator_that_solve_their_riccati_equation
 
 
 def test_it_integrates_and_its_loop_is_stable():
-    made = lqg(plant(), NOISE, 3e-3, 10.0, RATE_HZ)
+    made = LinearQuadraticGaussian(plant(), NOISE, RATE_HZ).controller(3e-3, 10.0)
     assert made.integrator == 0
     assert np.max(np.abs(closed_loop_poles(discretise(plant(), RATE_HZ), made))) < 1.0
 
@@ -92,7 +92,11 @@ def variance_by_lyapunov(controller):
     return float((c @ spread[:n, :n] @ c.T)[0, 0] + NOISE.reading_rad**2)
 
 
-@pytest.mark.parametrize("made", [theta_controller(), lqg(plant(), NOISE, 1e-3, 3.0, RATE_HZ)], ids=["paper", "ours"])
+@pytest.mark.parametrize(
+    "made",
+    [theta_controller(), LinearQuadraticGaussian(plant(), NOISE, RATE_HZ).controller(1e-3, 3.0)],
+    ids=["paper", "ours"],
+)
 def test_the_spectrum_holds_the_variance_that_lyapunov_gives(made):
     f = frequencies()
     p = discretise(plant(), RATE_HZ).frequency_response(f)[:, 0, 0]
@@ -102,10 +106,13 @@ def test_the_spectrum_holds_the_variance_that_lyapunov_gives(made):
 
 
 def test_its_variance_is_least_without_effort_and_doubt():
-    best = variance_by_lyapunov(lqg(plant(), NOISE, 1e-4, 0.0, RATE_HZ))
+    best = variance_by_lyapunov(LinearQuadraticGaussian(plant(), NOISE, RATE_HZ).controller(1e-4, 0.0))
     assert best < variance_by_lyapunov(theta_controller())
     for factor in (0.8, 1.2):
-        assert variance_by_lyapunov(lqg(plant(), NOISE, 1e-4, 0.0, RATE_HZ).scaled(factor)) > best
+        assert (
+            variance_by_lyapunov(LinearQuadraticGaussian(plant(), NOISE, RATE_HZ).controller(1e-4, 0.0).scaled(factor))
+            > best
+        )
 
 
 def test_the_bound_is_szegos():
@@ -120,7 +127,7 @@ def test_the_bound_is_szegos():
 
 @pytest.mark.parametrize("effort", [1e-4, 1e-3])
 def test_no_feedback_comes_below_the_bound(effort):
-    made = lqg(plant(), NOISE, effort, 0.0, RATE_HZ)
+    made = LinearQuadraticGaussian(plant(), NOISE, RATE_HZ).controller(effort, 0.0)
     assert np.sqrt(variance_by_lyapunov(made)) > least_reading_rad(plant(), NOISE, RATE_HZ) > NOISE.reading_rad
 
 
@@ -129,7 +136,7 @@ def test_less_effort_and_more_doubt_cost_variance():
     p = discretise(plant(), RATE_HZ).frequency_response(f)[:, 0, 0]
 
     def variance(effort, distrust):
-        k = lqg(plant(), NOISE, effort, distrust, RATE_HZ).frequency_response(f)
+        k = LinearQuadraticGaussian(plant(), NOISE, RATE_HZ).controller(effort, distrust).frequency_response(f)
         return np.mean(sum(reading_spectrum(f, p, k, NOISE, RATE_HZ)))
 
     assert variance(1e-4, 0.0) < variance(1e-3, 0.0) < variance(1e-2, 0.0)
