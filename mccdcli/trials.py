@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from campaigns.log import Run
     from campaigns.plans import Estimate, Plan
     from campaigns.playing.campaign import Campaign
+    from campaigns.playing.campaign_run import Complete
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -140,12 +141,20 @@ class PlayedCampaign(NamedTuple):
 
 
 def play_campaign(
-    campaign: Campaign, folder: Path, bench: str, seed: int, *, resume: bool | None = None, then: str = ""
+    campaign: Campaign,
+    folder: Path,
+    bench: str,
+    seed: int,
+    *,
+    resume: bool | None = None,
+    then: str = "",
+    complete: Complete | None = None,
 ) -> PlayedCampaign:
     """Play what `folder` lacks of a campaign, with progress on standard error.
 
     `resume` is the command's --resume; a command without that option always continues what the folder holds. Logs of
-    more than LARGE_BYTES are announced there first, with what will be recorded `then`.
+    more than LARGE_BYTES are announced there first, with what will be recorded `then`. `complete` hears of every run
+    that ends, as `run_campaign` does.
     """
     from campaigns.playing.campaign_run import run_campaign
 
@@ -162,6 +171,7 @@ def play_campaign(
             resume=resume is not False,
             report=report,
             announce=announce,
+            complete=complete,
             note=given_note(),
         )
     logs = {run.name: run.log for run in outcome.runs}

@@ -16,10 +16,9 @@ from sim_backend import kernel, layout
 from sim_backend.assembly import Places, bus_of, plant_of, retuned
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.kernel import side_by_side
-from sim_backend.kernel.structure import Structure
 from sim_backend.linear import ModalModel, finer_for_delays
 from sim_backend.loops import fresh_memory, no_controller, refit_memory
-from sim_backend.wiring import effects_of
+from sim_backend.wiring import Connected, connected, with_numbers
 
 Array = NDArray[np.float64]
 
@@ -47,14 +46,16 @@ class Motion:
 class Stepped:
     """A linear model with effects as the loop steps it: the same for every record.
 
-    `linear` has what its effects change in it, the loop runs `finer` times faster than the samples come. `structures`
-    are those of loops that were played, by how many columns are recorded for their effects.
+    `linear` has what its effects change in it, the loop runs `finer` times faster than the samples come, and the
+    effects are `wired` to it. `structures` are those of loops that were played, by how many columns are recorded for
+    their effects.
     """
 
     linear: ModalModel
     finer: int
     plant: layout.Plant
-    structures: dict[int, Structure] = field(default_factory=dict)
+    wired: Connected
+    structures: dict[int, kernel.Structures] = field(default_factory=dict)
 
 
 def stepped(
@@ -67,7 +68,8 @@ def stepped(
     """
     linear = retuned(linear, effects, places)
     finer = finer_for_delays(linear, rate_hz)
-    return Stepped(linear, finer, plant_of(linear, rate_hz * finer, -(-substeps // finer)))
+    plant = plant_of(linear, rate_hz * finer, -(-substeps // finer))
+    return Stepped(linear, finer, plant, connected(effects, places, linear))
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ def replay_together(
         held = None if temperature_k is None else np.repeat(temperature_k, finer)
         wave = layout.Waveform(*_sent(u, finer), _NO_EVENTS, np.zeros((0, 0)))
         own = {i: case for i, case in enumerate(cases) if case.ready.finer == finer}
-        begun = [_begun(case, places, transducers, wave, held) for case in own.values()]
+        begun = [_begun(case, transducers, wave, held) for case in own.values()]
         _play(begun, u.shape[0], finer, farthest)
         for (i, case), one in zip(own.items(), begun, strict=True):
             motions[i] = _ended(one, case, places, rate_hz)
@@ -171,16 +173,10 @@ class _Begun:
         return self.wave._replace(reference=reference, feedforward=sent, exogenous=drawn)
 
 
-def _begun(
-    case: Case,
-    places: Places,
-    transducers: layout.Transducers,
-    wave: layout.Waveform,
-    temperature_k: Array | None,
-) -> _Begun:
+def _begun(case: Case, transducers: layout.Transducers, wave: layout.Waveform, temperature_k: Array | None) -> _Begun:
     """Return a case ready to be played through the commands of `wave`."""
     n, n_u = wave.feedforward.shape
-    fx, ordered = effects_of(case.effects, places, case.ready.linear)
+    fx, ordered = with_numbers(case.ready.wired, case.effects)
     columns: list[Array] = []
     for i, effect in enumerate(ordered):
         if effect.aux is Aux.TEMPERATURE and temperature_k is not None:
@@ -197,7 +193,7 @@ def _begun(
     bus = bus_of(n_u, transducers.to_torque.shape[1], n_y, n_s, fx)
     known = case.ready.structures.get(len(columns))
     loop = kernel.Loop(layout.Parts(plant, transducers, fx, ctl, mem, bus), known)
-    case.ready.structures[len(columns)] = loop.structure()
+    case.ready.structures[len(columns)] = loop.structures
     wave = wave._replace(exogenous=np.stack(columns) if columns else wave.exogenous)
     return _Begun(loop, wave, _what_is_kept(n, n_u, transducers))
 

@@ -46,6 +46,22 @@ class _Wire:
     column: int
 
 
+@dataclass(frozen=True)
+class Connected:
+    """Where effects are connected: which of them act on signals, in order, and their arrays but for their numbers."""
+
+    order: tuple[int, ...]
+    arrays: layout.Effects
+
+
+def connected(effects: Sequence[Effect], places: Places, linear: ModalModel | None = None) -> Connected:
+    """Return where effects are connected on a bench; raises ConfigError as `effects_of` does."""
+    puts = tuple(_Put(type(e), e.where) for e in effects)
+    if linear is not None and any(_is_to_mode(put, places) for put in puts):
+        return _connected.__wrapped__(puts, places, linear)  # how it acts on a mode depends on numbers
+    return _connected(puts, places, None)
+
+
 def effects_of(
     effects: Sequence[Effect], places: Places, linear: ModalModel | None = None
 ) -> tuple[layout.Effects, list[Effect]]:
@@ -54,12 +70,12 @@ def effects_of(
     Exogenous columns are numbered in that order. Raises ConfigError when a `where` names no channel of the bench, nor
     a mode of its `linear` model.
     """
-    puts = tuple(_Put(type(e), e.where) for e in effects)
-    if linear is not None and any(_is_to_mode(put, places) for put in puts):
-        order, made = _connected.__wrapped__(puts, places, linear)  # how it acts on a mode depends on numbers
-    else:
-        order, made = _connected(puts, places, None)
-    ordered = [effects[i] for i in order]
+    return with_numbers(connected(effects, places, linear), effects)
+
+
+def with_numbers(wired: Connected, effects: Sequence[Effect]) -> tuple[layout.Effects, list[Effect]]:
+    """Return the arrays of connected effects with the numbers of these, which are at the same locations, in order."""
+    made, ordered = wired.arrays, [effects[i] for i in wired.order]
     return made._replace(
         aux=made.aux.copy(),
         column=made.column.copy(),
@@ -77,10 +93,8 @@ def require_place(effect: Effect, places: Places) -> None:
 
 
 @lru_cache(maxsize=WIRINGS_KEPT)
-def _connected(
-    puts: tuple[_Put, ...], places: Places, linear: ModalModel | None
-) -> tuple[tuple[int, ...], layout.Effects]:
-    """Return which of the effects act on signals, in order, and their arrays without any number of theirs."""
+def _connected(puts: tuple[_Put, ...], places: Places, linear: ModalModel | None) -> Connected:
+    """Return where these are connected."""
     acting = [(_wire(put, places, linear), put, i) for i, put in enumerate(puts) if put.kind.site <= Site.READING]
     batches = _batches(acting)
     flat = [one for batch in batches for one in batch]
@@ -100,7 +114,7 @@ def _connected(
         [w.write for w in wires],
         wires[0].write.size if wires else len(places.inputs),
     )
-    return tuple(i for _, _, i in flat), layout.Effects(
+    arrays = layout.Effects(
         first=np.searchsorted(sites, np.arange(int(Site.READING) + 2)),
         site=np.searchsorted([int(batch[0][0].site) for batch in batches], np.arange(int(Site.READING) + 2)),
         batch=np.cumsum([0, *map(len, batches)]),
@@ -121,6 +135,7 @@ def _connected(
         wires=np.zeros((len(wires), WIRES), dtype=np.int64),
         cells=np.zeros(0),
     )
+    return Connected(tuple(i for _, _, i in flat), arrays)
 
 
 def _coordinates(wires: Sequence[_Wire], kinds: Sequence[type[Effect]]) -> tuple[Array, layout.Ints, int]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from analysis.design.api import Designed, Options, design_controller
 from analysis.design.output import write_controller, write_numbers
@@ -43,8 +44,13 @@ def _sources(runs: Sequence[Run], axes: Sequence[str]) -> tuple[list[Run], list[
 
 def _sweeps(run: Run, axis: str) -> bool:
     """Whether a run sweeps this axis at the temperature that the bench is used at."""
-    settings = run.header.settings
-    return run.header.test == "sinesweep" and settings.get("axis") == axis and settings.get("cold_finger_k") is None
+    test, settings = run.header.test, run.header.settings
+    return test == "sinesweep" and is_source(test, settings) and settings.get("axis") == axis
+
+
+def is_source(test: str, settings: Mapping[str, Any]) -> bool:
+    """Tell whether a run of such a test may be among those that a controller is designed from."""
+    return test in ("rest", "hysteresis") or (test == "sinesweep" and settings.get("cold_finger_k") is None)
 
 
 def _designed(sweeps: list[Run], others: list[Run], limits: Limits, axes: tuple[str, ...], out: Path) -> Designed:

@@ -8,7 +8,7 @@ import fcntl
 import hashlib
 import json
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -71,6 +71,10 @@ class RunState:
     played: bool = False
 
 
+Complete = Callable[[Mapping[str, RunState]], None]
+"""Receives how far a campaign is: the state of every run by its name."""
+
+
 @dataclass(frozen=True)
 class CampaignOutcome:
     """How a campaign ended: `complete`, or `paused` by the user; every run in the order of the file."""
@@ -90,15 +94,17 @@ def run_campaign(
     resume: bool = False,
     report: Report | None = None,
     announce: Callable[[float], None] | None = None,
+    complete: Complete | None = None,
     note: str = "",
 ) -> CampaignOutcome:
     """Play every run of `campaign` that the folder does not hold yet, each into `folder`/<run>.h5.
 
     With `resume` a folder of the same campaign, seed and bench is completed; without, it must hold none. Nothing moves
     unless all segments of all runs keep the limits; before anything does, `announce` is called with the bytes that the
-    missing logs will take. `note` is written to each log that is made. The first Ctrl-C ends it after the current
-    segment, as *paused*. Raises ConfigError for another campaign's folder, DataError for a log that another program is
-    writing or a disk with too little room for what is missing, and whatever a run raises.
+    missing logs will take. `complete` is called with all runs first and after each that ends, from any thread. `note`
+    is written to each log that is made. The first Ctrl-C ends it after the current segment, as *paused*. Raises
+    ConfigError for another campaign's folder, DataError for a log that another program is writing or a disk with too
+    little room for what is missing, and whatever a run raises.
     """
     home, plans, levels = Path(folder), campaign.plans(), campaign.levels()
     survey = _survey(campaign, address, seed)
@@ -117,7 +123,7 @@ def run_campaign(
         if announce is not None:
             announce(size_bytes)
         try:
-            status = _play_missing(plans, states, estimates, address, note, report)
+            status = _play_missing(plans, states, estimates, address, note, report, complete or (lambda _: None))
         except BaseException as error:
             with contextlib.suppress(DataError):  # the error that ended the campaign is the one to report
                 _write_state(home, campaign, whole, "failed" if isinstance(error, Exception) else "aborted", states)
@@ -133,6 +139,7 @@ def _play_missing(
     address: str,
     note: str,
     report: Report | None,
+    complete: Complete,
 ) -> str:
     """Play every run without a complete log, replacing its entry in `states`; return the campaign's status."""
     missing = [name for name, state in states.items() if state.status != "complete"]
@@ -149,7 +156,9 @@ def _play_missing(
             raise
         states[name] = dataclasses.replace(states[name], status=ended.status, run_uid=ended.run_uid)
         tally.done[name] = estimates[name].samples
+        complete(states)
 
+    complete(states)
     with Interrupts() as signals:
         share(missing, play, free_cores() if kind.many else 1, signals)
     return "complete" if all(state.status == "complete" for state in states.values()) else "paused"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from mccdcli.design_ahead import DesignAhead
 from mccdcli.junit import Case, prepare_junit, write_junit
 from mccdcli.options import NewPath, common_options
 from mccdcli.output import BAD, GOOD, emit, say, table
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from analysis.paper.known_misses import Known
     from analysis.paper.measured import Measured
     from analysis.report import Report
+    from campaigns.playing.campaign import Campaign
 
 
 OWN_LOGS: Final = "310 MB"
@@ -104,10 +106,8 @@ def report(
 
     # whoever made the folder may have put links in it
     logs, designed = unnamed_folder(folder / "campaign"), unnamed_folder(folder / "designed")
-    then = f", and then about {OWN_LOGS} in {designed}" if own else ""
-    played = play_campaign(loaded, logs, bench, seed, then=then)
-    if played.exit_code:
-        return played.exit_code
+    if code := _play(loaded, logs, bench, seed, designed if own else None):
+        return code
 
     from analysis.paper.measured import Measured
     from analysis.report import report_of
@@ -130,6 +130,18 @@ def _known(file: Path | None) -> Known:
     from analysis.paper.known_misses import load_known_misses
 
     return load_known_misses(file)
+
+
+def _play(campaign: Campaign, logs: Path, bench: str, seed: int, designed: Path | None) -> int:
+    """Play a campaign, while the controller in `designed` is made of its first runs, if there is to be one."""
+    if designed is None:
+        return play_campaign(campaign, logs, bench, seed).exit_code
+    then = f", and then about {OWN_LOGS} in {designed}"
+    with DesignAhead(campaign, bench, seed, designed) as ahead:
+        code = play_campaign(campaign, logs, bench, seed, then=then, complete=ahead.begin).exit_code
+        if not code:
+            ahead.finish()
+    return code
 
 
 def _play_design(measured: Measured, folder: Path, bench: str, seed: int, levels: Mapping[str, float]) -> int:

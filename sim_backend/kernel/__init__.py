@@ -8,7 +8,7 @@ same: from disk at once, or made in a thread while the other one plays.
 from __future__ import annotations
 
 from collections import Counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,68 +24,88 @@ LONG = 200_000
 """Samples after which a bench gets a loop with its effects inlined: that takes a core about a second, aside, and saves
 some 0.1 s per million samples, of which there are more to come, here and in later processes."""
 
+LONG_REPLAYED = 40_000_000
+"""Steps after which a bench of a search gets one. Nobody may ever play it again: it is made when the calls of effects,
+at some 50 ns a step, have taken as long as that takes."""
+
 played: Counter[Structure] = Counter()
 """Samples that benches of a structure have played while no such loop was there."""
+
+
+class Structures(NamedTuple):
+    """The structures of a bench's loops: the one that calls its effects, and the one with its effects inlined."""
+
+    called: Structure
+    inlined: Structure
+
+    @classmethod
+    def of(cls, parts: layout.Parts) -> Structures:
+        """Return those of the bench with these arguments."""
+        return cls(structure_of(parts, inlined=False), structure_of(parts, inlined=True))
 
 
 class Loop:
     """The loop of one bench with its controllers; its memory and the states of its effects go on from run to run.
 
-    A `lasting` bench is one that will be played again: it gets a loop
-    with its effects inlined in time. `called` is the structure of the loop that calls its effects, once it was played,
-    or given if it is known: benches that differ in numbers alone have the same.
+    A `lasting` bench is one that will be played again: it gets a loop with its effects inlined sooner than one of many
+    that a search tries. `known` are its structures, if they are known: benches that differ in numbers alone have the
+    same.
     """
 
-    def __init__(self, parts: layout.Parts, called: Structure | None = None, *, lasting: bool = False) -> None:
+    def __init__(self, parts: layout.Parts, known: Structures | None = None, *, lasting: bool = False) -> None:
         self.parts = parts  # the table holds the addresses of their arrays: they must live as long
-        self.called = called
-        self.inlined = structure_of(parts, inlined=True) if lasting else None
-        if self.inlined is not None:
-            machine.load(self.inlined)
+        self.structures = known or Structures.of(parts)
+        self._lasting = lasting
+        machine.load(self.structures.inlined)
         self._steps = np.array([parts.plant.dt_s, parts.plant.dt_s / parts.plant.substeps])
-        self._tables: dict[bool, tuple[Structure, list[int], tuple[layout.Ints, ...]]] = {}
+        self._tables: dict[bool, tuple[list[int], tuple[layout.Ints, ...]]] = {}
 
     def play(self, n: int, wave: layout.Waveform, out: layout.Output) -> None:
         """Play `n` samples of `wave` and keep them in `out`."""
-        structure, fixed, _ = self._table(self._is_inlined(n))
-        self.run(structure, np.array(fixed + entries(n, wave, self.parts.mem, out), dtype=np.int64))
+        structure = self._structure(n)
+        self.run(structure, np.array(self.table(structure, n, wave, out), dtype=np.int64))
         self.parts.mem.samples[0] += n
 
     def structure(self) -> Structure:
-        """Return the structure by which this loop is played beside others: a lasting bench has its effects inlined."""
-        return self.inlined or self._table(False)[0]
+        """Return the structure by which this loop is played beside others.
 
-    def table(self, n: int, wave: layout.Waveform, out: layout.Output) -> list[int]:
-        """Return what the emitted loop of that structure receives to play `n` samples of `wave`."""
-        return self._table(self.inlined is not None)[1] + entries(n, wave, self.parts.mem, out)
+        A lasting bench has its effects inlined, and so has one of a search once it was played for long.
+        """
+        called, inlined = self.structures
+        return inlined if self._lasting or machine.is_loaded(inlined) else called
+
+    def table(self, structure: Structure, n: int, wave: layout.Waveform, out: layout.Output) -> list[int]:
+        """Return what the emitted loop of a structure receives to play `n` samples of `wave`."""
+        return self._table(structure.inlined)[0] + entries(n, wave, self.parts.mem, out)
 
     def run(self, structure: Structure, table: layout.Ints) -> None:
         """Run the loop of a structure with its table (lanes, k) of addresses."""
         machine.loop_of(structure)(address_of_numbers(table), address_of_numbers(self._steps))
 
-    def _table(self, inlined: bool) -> tuple[Structure, list[int], tuple[layout.Ints, ...]]:
-        """Return a structure, the part of its table that stays, and arrays whose addresses it holds."""
+    def _table(self, inlined: bool) -> tuple[list[int], tuple[layout.Ints, ...]]:
+        """Return the part of a loop's table that stays, and arrays whose addresses it holds."""
         if inlined not in self._tables:
             parts, addresses = self.parts, np.zeros(0, dtype=np.int64)
-            if inlined:  # nobody calls the steps, so they need not be compiled for that
-                structure = self.inlined or structure_of(parts, inlined=True)
-            else:
+            if not inlined:  # else nobody calls the steps, so they need not be compiled for that
                 parts = parts._replace(fx=wired(parts.fx, parts.bus))
                 addresses = np.array([machine.address_of(step) for step in parts.fx.steps], dtype=np.int64)
-                structure = self.called = self.called or structure_of(parts, inlined=False)
-            self._tables[inlined] = structure, fixed_entries(parts, addresses), (addresses, parts.fx.wires)
+            self._tables[inlined] = fixed_entries(parts, addresses), (addresses, parts.fx.wires)
         return self._tables[inlined]
 
-    def _is_inlined(self, n: int) -> bool:
-        """Tell whether the next `n` samples are played with the effects inlined; see to it that later ones are."""
-        if self.inlined is None:
-            return False
-        if machine.is_loaded(self.inlined):
-            return True
-        played[self.inlined] += n
-        if played[self.inlined] > LONG:
-            machine.make_aside(self.inlined)
-        return False
+    def _structure(self, n: int) -> Structure:
+        """Return the structure of the loop for the next `n` samples; see to it that later ones have effects inlined."""
+        called, inlined = self.structures
+        if machine.is_loaded(inlined):
+            return inlined
+        self.count(n)
+        return called
+
+    def count(self, n: int) -> None:
+        """Note that `n` samples were played with calls of the effects; have them inlined, aside, when that pays."""
+        inlined, substeps = self.structures.inlined, self.parts.plant.substeps
+        played[inlined] += n
+        if played[inlined] > (LONG if self._lasting else LONG_REPLAYED // substeps):
+            machine.make_aside(inlined)
 
 
 def contribution_along(
@@ -106,4 +126,4 @@ def contribution_along(
     along(machine.address_of(fx.steps[e]), wires, fx.cells, signal, position, rate, aux, dt_s, out)
 
 
-__all__ = ["LONG", "NO_DELAY", "Loop", "contribution_along", "played"]
+__all__ = ["LONG", "LONG_REPLAYED", "NO_DELAY", "Loop", "Structures", "contribution_along", "played"]

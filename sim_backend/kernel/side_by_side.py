@@ -58,14 +58,15 @@ def _played_together(
     together = replace(structure, lanes=LANES)
     if not _is_there(loops[0], together, n) or not _alike([loop.parts for loop in loops]):
         return False
-    table = np.array(
-        [loop.table(n, wave, out) for loop, wave, out in zip(loops, waves, outs, strict=True)], dtype=np.int64
-    )
+    rows = [loop.table(structure, n, wave, out) for loop, wave, out in zip(loops, waves, outs, strict=True)]
+    table = np.array(rows, dtype=np.int64)
     if np.any(table[:, _SHARED] != table[0, _SHARED]):
         return False
     loops[0].run(together, table)
     for loop in loops:
         loop.parts.mem.samples[0] += n
+        if not structure.inlined:
+            loop.count(n)
     return True
 
 

@@ -113,6 +113,33 @@ def test_a_loop_for_several_replays_is_made_once_it_pays(monkeypatch: pytest.Mon
     kernel.played.clear()
 
 
+def test_a_bench_of_a_search_that_is_played_for_long_gets_its_effects_inlined(
+    lanes: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Structure] = []
+    run = kernel.Loop.run
+    monkeypatch.setattr(
+        kernel.Loop, "run", lambda self, structure, table: asked.append(structure) or run(self, structure, table)
+    )
+    monkeypatch.setattr(machine, "load", machine.is_loaded)  # as if none were on disk
+    monkeypatch.setattr(kernel, "LONG_REPLAYED", 5 * (LANES + 1) * U.shape[0] * 2)
+    for name in ("_loaded", "_locks"):
+        monkeypatch.setattr(machine, name, {})
+    kernel.played.clear()
+    cases = [Case(stepped(softer(k), acting(k), PLACES, RATE_HZ, 5), acting(k)) for k in range(LANES + 1)]
+    called = [played(cases) for _ in range(2)][0]
+    assert not any(structure.inlined for structure in asked)
+    played(cases)
+    machine.wait()
+    asked.clear()
+    inlined = played(cases)
+    assert asked and all(structure.inlined for structure in asked)
+    for one, other in zip(called, inlined, strict=True):
+        for name in ("reading", "position", "torque", "states"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    kernel.played.clear()
+
+
 def test_a_motion_that_goes_too_far_is_given_up_and_its_neighbours_are_not(lanes: list[int]) -> None:
     """Of four, one swings 31 times as far; the others are as without a limit, to the last bit."""
     effects = [[make_effect("actuator-gain", DRIVE, {"relative": gain})] for gain in (0.0, 0.1, 30.0, 0.2)]
