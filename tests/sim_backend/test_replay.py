@@ -13,6 +13,7 @@ from sim_backend.effects import make_effect
 from sim_backend.effects.base import Effect
 from sim_backend.kernel import machine, side_by_side
 from sim_backend.kernel.structure import LANES, Structure
+from sim_backend.layout import Ints
 from sim_backend.linear import ModalModel
 from sim_backend.replay import Case, Motion, replay_together, stepped
 from tests.lanes import lanes_asked
@@ -118,9 +119,12 @@ def test_a_bench_of_a_search_that_is_played_for_long_gets_its_effects_inlined(
 ) -> None:
     asked: list[Structure] = []
     run = kernel.Loop.run
-    monkeypatch.setattr(
-        kernel.Loop, "run", lambda self, structure, table: asked.append(structure) or run(self, structure, table)
-    )
+
+    def asking(loop: kernel.Loop, structure: Structure, table: Ints) -> None:
+        asked.append(structure)
+        run(loop, structure, table)
+
+    monkeypatch.setattr(kernel.Loop, "run", asking)
     monkeypatch.setattr(machine, "load", machine.is_loaded)  # as if none were on disk
     monkeypatch.setattr(kernel, "LONG_REPLAYED", 5 * (LANES + 1) * U.shape[0] * 2)
     for name in ("_loaded", "_locks"):
