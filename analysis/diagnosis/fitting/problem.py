@@ -163,6 +163,12 @@ class Problem:
                     found[i] = tuple((b - a) / step for b, a in zip(there, here, strict=True))
         return [found.get(i) for i in which]
 
+    def near(self, x: Array, i: int) -> tuple[Effect, float]:
+        """Return the effect of parameter `i` with that a small step away from `x` (n,), and the step."""
+        step = self._difference(x, i)
+        which = self.scales[i - len(self.setting.nuisances)].effect
+        return self.effects(_with(x, i, float(x[i]) + step))[which], step
+
     def _difference(self, x: Array, i: int) -> float:
         """Return the small step of parameter `i` from `x` that is tried first."""
         own = i - len(self.setting.nuisances)

@@ -24,6 +24,12 @@ SPRING = ("hysteresis", "theta_x", {"stiffness_1": 2.0, **STILL, "reach": 1e3}) 
 
 def columns(*effects: tuple[str, str, dict[str, float]]) -> tuple[Array, Array, Array]:
     """Return the nuisances' columns by differences of simulations, with torques held, and with effects that answer."""
+    exact, held, answered = (found[:, :-more] for found, more in all_columns(*effects))
+    return exact, held, answered
+
+
+def all_columns(*effects: tuple[str, str, dict[str, float]]) -> list[tuple[Array, int]]:
+    """Return the same with those of the effects' parameters after them, each with the number of these."""
     model, linear = one_axis(), linear_model()
     u = drive(8000)
     data = Dataset(RATE_HZ, (Record("r", u, np.zeros((8000, 1)), (Window("all", 0, 8000),)),))
@@ -45,9 +51,8 @@ def columns(*effects: tuple[str, str, dict[str, float]]) -> tuple[Array, Array, 
     at = problem.evaluate(x)
     how = Slopes(problem), Slopes(problem), Slopes(problem, strong=True)
     assert how[0].truer()
-    found = (slopes.normal(x, at) and slopes.latest(x, at)[: -x.size, : len(nuisances)] for slopes in how)
-    exact, held, answered = found
-    return exact, held, answered
+    found = [slopes.normal(x, at) and slopes.latest(x, at)[: -x.size] for slopes in how]
+    return [(one, start.size) for one in found]
 
 
 def error(columns: Array, exact: Array) -> Array:
@@ -72,3 +77,13 @@ def test_in_a_softer_mode_columns_are_those_of_that_mode() -> None:
     exact, held, answered = columns(softer(0.01))
     own = slice(0, 3)  # the other mode has nothing to do with it
     assert np.all(error(answered, exact)[own] < error(held, exact)[own] / 2.0)
+
+
+def test_parameters_of_an_effect_in_a_mode_have_columns_without_a_simulation() -> None:
+    """Alone they are right but for what the level itself follows; beside a spring, what the loop does is in them."""
+    for more in ((), (SPRING,)):
+        (exact, number), _, (answered, _) = all_columns(softer(0.01), *more)
+        own = slice(exact.shape[1] - number, exact.shape[1] - number + 2)  # what is lost, and how long it is remembered
+        assert np.all(np.linalg.norm(exact[:, own], axis=0) > 0.0)
+        assert np.all(np.any(answered[:, own] != exact[:, own], axis=0))
+        assert np.all(error(answered[:, own], exact[:, own]) < 0.1), error(answered[:, own], exact[:, own])
