@@ -67,7 +67,8 @@ class DesignAhead:
         """Begin, if that was not done yet, where all runs that are needed are complete; any thread may call."""
         with self._lock:
             if self._needed and not self.process and all(states[name].status == "complete" for name in self._needed):
-                self._begin(sorted(states[name].log for name in self._needed))
+                with suppress(OSError):  # a machine that can begin no process loses no time, and no campaign
+                    self._begin(sorted(states[name].log for name in self._needed))
 
     def _begin(self, logs: Sequence[Path]) -> None:
         from campaigns.benches import open_bench

@@ -251,7 +251,7 @@ BENCHMARK = Benchmark(
         f"{OURS}: time ÷ that of {C}": "C is given its noise, and memory that is in use already. Drawing nine "
         "normal numbers a sample takes 0.2 of C's time, first use of 77 MB 0.1 (more where a virtual machine hands out "
         "memory that it has never held), references and the check for numbers that are not finite 0.05",
-        SEVERAL_REAL_TIME: "it is a number of the machine: 1,214 and 1,515 on those of the days before, 830 to 1,100 on "
-        "the shared one of 2026-11-29, where a version of the day before and a new one were measured in turn",
+        SEVERAL_REAL_TIME: "it is a number of the machine: 1,214 and 1,515 on those of the days before, 830 to 1,100 "
+        "on the shared one of 2026-11-29, where a version of the day before and a new one were measured in turn",
     },
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -87,3 +88,12 @@ def test_it_ends_with_the_campaign_that_is_left(campaign, tmp_path, monkeypatch)
         ahead.begin(states(tmp_path, "rest", "sweep"))
         assert ahead.process is not None and ahead.process.poll() is None
     assert ahead.process.returncode is not None
+
+
+def test_a_machine_that_can_begin_no_process_plays_on(campaign, tmp_path, monkeypatch):
+    monkeypatch.setattr("campaigns.playing.side_by_side.free_cores", lambda: 2)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "no-python"))
+    with DesignAhead(campaign, "sim", 0, tmp_path) as ahead:
+        ahead.begin(states(tmp_path, "rest", "sweep"))
+        assert ahead.process is None
+        ahead.finish()
