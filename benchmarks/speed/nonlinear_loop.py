@@ -271,8 +271,8 @@ BENCHMARK = Benchmark(
         times_faster(OURS, FUSED, 1000.0).what: (
             "Written by hand as one system, the loop spares python-control all that it is there for: a sample is one "
             "Python function with a dozen small numpy calls. A thousandth of that is some 38 ns, 130 cycles; ours "
-            "takes 54 ns, of which leaving out the iron saves 28 (and all three effects 39): two stages, each a "
-            "division and a dozen products that wait for one another, between a position and the next."
+            "takes 54 ns, of which leaving out the magnetic hysteresis saves 28 (and all three effects 39): two "
+            "stages, each a division and a dozen products that wait for one another, between a position and the next."
         )
     },
 )
