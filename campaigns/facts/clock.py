@@ -46,7 +46,7 @@ OTHER = 0.1
 
 
 @dataclass(frozen=True)
-class _Drift:
+class Drift:
     """A difference, its standard deviation, which part of the bins' drift is different, and over what time.
 
     `halves` tells whether either half of the bins, every other one, shows it by itself.
@@ -60,6 +60,7 @@ class _Drift:
 
     @property
     def found(self) -> bool:
+        """Whether two clocks are reported: significant, not too large, and in all bins alike."""
         return SIGNIFICANT * self.std < abs(self.relative) < LARGEST and self.other < OTHER and self.halves
 
 
@@ -72,7 +73,7 @@ def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> li
         # whose phase drifts with an output's clock: its bins where they repeat, otherwise its cross-spectra
         turning = [(blocks.outputs[:, :, o], blocks) for blocks in repeating]
         turning += [(_cross(blocks, o), blocks) for blocks in free]
-        drifts = [d for z, blocks in turning if (d := _drift_of(z, blocks)) is not None]
+        drifts = [d for z, blocks in turning if (d := drift_of(z, blocks)) is not None]
         if drifts:
             found.append(_fact(name, min(drifts, key=lambda d: d.std), seen.rate_hz))
     return found
@@ -101,7 +102,7 @@ def _cross(blocks: Blocks, o: int) -> Spectrum:
     return each[int(np.argmax(explains))]
 
 
-def _drift_of(z: Spectrum, blocks: Blocks) -> _Drift | None:
+def drift_of(z: Spectrum, blocks: Blocks) -> Drift | None:
     """Return how the phase of the bins of `z` (b, f) drifts with time, None where there are too few."""
     counts = np.bincount(blocks.stretch)
     kept = counts[blocks.stretch] >= LEAST_BLOCKS
@@ -121,8 +122,10 @@ def _drift_of(z: Spectrum, blocks: Blocks) -> _Drift | None:
     at += blocks.start[kept]
     for i in np.unique(stretch):
         at[stretch == i] -= at[stretch == i].mean()
-    starts = (0.0, _coarse(z, at, stretch, omega))
-    return _fine(z, at, stretch, omega, max(starts, key=lambda start: _alignment(z, at, stretch, omega, start)))
+    # every bin counts alike: the slow ones are the strongest, and turn the least
+    even = z / np.maximum(np.sqrt(np.mean(np.abs(z) ** 2, axis=0)), np.finfo(float).tiny)
+    starts = (0.0, _coarse(even, at, stretch, omega))
+    return _fine(z, at, stretch, omega, max(starts, key=lambda start: _alignment(even, at, stretch, omega, start)))
 
 
 def _alignment(z: Spectrum, at: Array, stretch: NDArray[np.intp], omega: Array, relative: float) -> float:
@@ -155,7 +158,7 @@ def _coarse(z: Spectrum, at: Array, stretch: NDArray[np.intp], omega: Array) -> 
         apart = min(3 * apart, farthest)
 
 
-def _fine(z: Spectrum, at: Array, stretch: NDArray[np.intp], omega: Array, start: float) -> _Drift | None:
+def _fine(z: Spectrum, at: Array, stretch: NDArray[np.intp], omega: Array, start: float) -> Drift | None:
     """Return the drift by linear least squares of the remaining phase after correction by `start`.
 
     The scatter of the delays of single blocks about their line gives its standard deviation, so that whatever makes
@@ -190,7 +193,7 @@ def _fine(z: Spectrum, at: Array, stretch: NDArray[np.intp], omega: Array, start
     turn = np.sum(np.maximum(slope.imag**2 * total / phase - 1.0, 0.0))
     grow = np.sum(np.maximum(slope.real**2 * total / np.maximum(size, 1e-24) - 1.0, 0.0))
     other = float(max(turn, grow) / max(np.sum((omega * relative) ** 2 * total / phase), np.finfo(float).tiny))
-    return _Drift(relative, std, other, int(at.max() - at.min()), both)
+    return Drift(relative, std, other, int(at.max() - at.min()), both)
 
 
 def _aligned(z: Spectrum, members: Sequence[NDArray[np.intp]]) -> float:
@@ -224,7 +227,7 @@ def _alike(left: Array, sizes: Sequence[int]) -> float:
     return (1.0 + rho) / (1.0 - rho)
 
 
-def _fact(name: str, drift: _Drift, rate_hz: float) -> Fact:
+def _fact(name: str, drift: Drift, rate_hz: float) -> Fact:
     numbers = {"found": int(drift.found), "ppm": 1e6 * drift.relative, "std_ppm": 1e6 * drift.std}
     if drift.found:
         late = drift.relative * drift.rows

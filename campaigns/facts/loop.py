@@ -44,7 +44,12 @@ EXACT = 1e-9
 
 
 @dataclass(frozen=True)
-class _Answer:
+class Answer:
+    """What inputs to come hold of what is new in an output, `share`, and inputs farther `before` the order do.
+
+    `chance` is that of so much in an open loop, `always` tells whether each half of the record shows it.
+    """
+
     output: str
     share: float
     chance: float
@@ -54,7 +59,18 @@ class _Answer:
 
     @property
     def found(self) -> bool:
-        return self.always and self.chance < CHANCE and self.share > max(LEAST_SHARE, RATIO * self.before)
+        """Whether the inputs answer the output: seen, throughout the record, and more than a short model leaves."""
+        return self.always and self.seen and self.beyond_the_past
+
+    @property
+    def seen(self) -> bool:
+        """Whether the inputs to come hold more of the output than chance and more than matters."""
+        return self.chance < CHANCE and self.share > LEAST_SHARE
+
+    @property
+    def beyond_the_past(self) -> bool:
+        """Whether they tell much more of it than inputs farther past: both by the logarithm of what they leave."""
+        return np.log1p(-min(self.share, 1.0 - EXACT)) < RATIO * np.log1p(-min(self.before, 1.0 - EXACT))
 
 
 def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> list[Fact]:
@@ -80,7 +96,7 @@ def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> li
         if regression is not None and regression.fresh() > least:
             answer = _answer(name, regression)
             answers.append(replace(answer, always=answer.found and _in_both_halves(varying, o, worth)))
-    return [_told(answers, bool(seen.of_role("reference")))]
+    return [said(answers, bool(seen.of_role("reference")))]
 
 
 def _in_both_halves(stretches: Sequence[Stretch], o: int, worth: float) -> bool:
@@ -93,12 +109,12 @@ def _in_both_halves(stretches: Sequence[Stretch], o: int, worth: float) -> bool:
         regression = regression_of(part, o, worth=worth)
         if regression is not None:
             answer = _answer("", regression)
-            if answer.share < max(LEAST_SHARE, RATIO * answer.before):
+            if answer.share < LEAST_SHARE or not answer.beyond_the_past:
                 return False
     return True
 
 
-def _answer(output: str, regression: Regression) -> _Answer:
+def _answer(output: str, regression: Regression) -> Answer:
     """Return what the inputs to come hold of one output, beyond all that came before and the references."""
     beside = regression.of <= -2
     # given its references, an input has nothing of its own in an open loop
@@ -109,20 +125,28 @@ def _answer(output: str, regression: Regression) -> _Answer:
     tests = int(coming.sum())
     free = regression.rows - sum(int(group.sum()) for group in groups)
     if free <= tests or not after > 0.0:
-        return _Answer(output, 0.0, 1.0, 0.0, regression.rows)
+        return Answer(output, 0.0, 1.0, 0.0, regression.rows)
     ratio = (before - after) / tests / (after / free)
     chance = float(scipy.special.fdtrc(tests, free, max(ratio, 0.0)))
     # of so many numbers, that many parts of the samples are held by chance
     share = (before - after) / before - tests / regression.rows
-    return _Answer(output, share, chance, (plain - before) / plain - tests / regression.rows, regression.rows)
+    return Answer(output, share, chance, (plain - before) / plain - tests / regression.rows, regression.rows)
 
 
-def _told(answers: Sequence[_Answer], with_references: bool) -> Fact:
+def said(answers: Sequence[Answer], with_references: bool) -> Fact:
+    """Return the fact that these answers, one for each output that could be asked, come to."""
     if not answers:
         text = "whether the inputs react to the outputs is not known: too few samples, or inputs without new content"
         return Fact(NAME, text, remark=False)
     worst = max(answers, key=lambda a: (a.found, a.share))
     numbers = {"found": int(worst.found), "share": worst.share, "samples": worst.rows}
+    if not worst.found and worst.seen:
+        text = (
+            f"whether the inputs react to the outputs is not known: the next {AHEAD} inputs contain "
+            f"{100.0 * worst.share:.0f} % of the unpredictable part of {worst.output}, but "
+            + ("not throughout" if worst.beyond_the_past else "inputs farther past hold of it as well")
+        )
+        return Fact(NAME, text, "what is not linear, or lasts longer than the order, does that too", worst.output)
     if not worst.found:
         text = (
             f"no sign of it: the next {AHEAD} inputs contain {max(100.0 * worst.share, 0.0):.1f} % of the "

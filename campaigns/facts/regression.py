@@ -29,6 +29,9 @@ MOST_COLUMNS = 130
 MOST_ROWS = 20_000
 PIECES = 4
 
+ROUNDING = 1e-12
+"""Part of a column that others leave of it by rounding alone."""
+
 ROWS_PER_COLUMN = 5
 """Fewest samples for each number that is fitted."""
 
@@ -48,11 +51,16 @@ class Regression:
     order: int
 
     def left(self, columns: Sequence[NDArray[np.bool_]]) -> list[float]:
-        """Return the sums of squares that the first, the first two, ... groups of columns (p,) leave of the output."""
+        """Return the sums of squares that the first, the first two, ... groups of columns (p,) leave of the output.
+
+        A column that those before it hold already, or that is zero as a reference that repeats exactly, tells nothing.
+        """
         chosen = np.concatenate([np.flatnonzero(group) for group in columns])
-        tail = triangle_of(self.triangle[:, [*chosen, -1]])[:, -1] ** 2
-        left = np.cumsum(tail[::-1])[::-1]
         ends = np.cumsum([int(group.sum()) for group in columns])
+        kept = independent(self.triangle[:, chosen])
+        tail = triangle_of(self.triangle[:, [*chosen[kept], -1]])[:, -1] ** 2
+        left = np.cumsum(tail[::-1])[::-1]
+        ends = np.searchsorted(kept, ends)
         return [float(left[end]) if end < left.size else 0.0 for end in ends]
 
     def fresh(self) -> float:
@@ -60,7 +68,8 @@ class Regression:
         earlier = np.flatnonzero((self.of <= -2) | self.past | self.before)
         parts = []
         for next_one in np.flatnonzero((self.of >= 0) & (self.lag == -1)):
-            column = triangle_of(self.triangle[:, [*earlier, next_one]])[:, -1] ** 2
+            kept = earlier[independent(self.triangle[:, earlier])]
+            column = triangle_of(self.triangle[:, [*kept, next_one]])[:, -1] ** 2
             parts.append(float(column[-1] / max(column.sum(), np.finfo(float).tiny)))
         return max(parts)
 
@@ -83,6 +92,23 @@ class Regression:
 def triangle_of(matrix: Array) -> Array:
     """Return the upper triangle R (p, p) of an orthogonal form Q R of a matrix (n, p)."""
     return np.asarray(np.linalg.qr(matrix, mode="r"))
+
+
+def independent(matrix: Array) -> NDArray[np.intp]:
+    """Return which columns of a matrix (n, p), given those before them, are no sum of others but for rounding.
+
+    An orthogonal form without exchanges gives a dependent column a row of its own all the same, filled with whatever
+    stood there: the column would seem to explain that part of all that follow.
+    """
+    size = np.linalg.norm(matrix, axis=0)
+    kept = np.flatnonzero(size)
+    while kept.size:
+        own = np.abs(np.diag(triangle_of(matrix[:, kept])))
+        held = np.flatnonzero(own <= ROUNDING * size[kept[: own.size]])
+        if not held.size:
+            return kept[: own.size]
+        kept = np.delete(kept, held[0])
+    return kept
 
 
 def regression_of(stretches: Sequence[Stretch], output: int, *, worth: float = 1.0) -> Regression | None:

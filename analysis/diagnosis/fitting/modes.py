@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
@@ -41,6 +42,9 @@ frequencies, chance finds one a few times in a hundred; it costs a fit, which de
 
 _TRIED = 3
 """Frequencies of one mode that are fitted at most: where few bins show it, chance may make a wrong one the best."""
+
+_TAPERED = 0.1
+"""Part of a record that is tapered for its spectrum, half of it at either end."""
 
 _SAME = 1e-9
 """Numbers that differ by less, relatively, are the same."""
@@ -85,8 +89,11 @@ def _spectrum(left: Array) -> Array:
 
 
 def _lines(left: Array) -> NDArray[np.complex128]:
-    """Return the spectrum of `left` (n, …) along its first axis; a drift does not leak into all bins."""
-    taper = np.hanning(left.shape[0]).reshape(-1, *[1] * (left.ndim - 1))
+    """Return the spectrum of `left` (n, …) along its first axis; a drift does not leak into all bins.
+
+    Only the ends are tapered: a sweep may pass a mode in the last twentieth of a record.
+    """
+    taper = scipy.signal.windows.tukey(left.shape[0], _TAPERED).reshape(-1, *[1] * (left.ndim - 1))
     return np.asarray(np.fft.rfft(left * taper, axis=0))
 
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from campaigns.facts import Fact, found_in
+from campaigns.facts.blocks import Blocks
+from campaigns.facts.clock import drift_of
 from tests.campaigns.facts import drawn
 
 KINDS = ("white", "coloured", "steps", "multisine", "repeated noise")
@@ -72,3 +74,19 @@ def test_a_line_of_its_own_frequency_is_no_clock():
     y = drawn.played(drawn.drawn_bench(rng, linear=True), u, rng)[1]
     fact = told(u, y + y.std() * np.sin(2.0 * np.pi * 0.05013 * np.arange(u.size)), 1000)
     assert fact is None or not fact.numbers["found"]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_slow_bins_that_drift_are_no_clock_where_the_fast_ones_stay(seed: int):
+    """Friction or free play turn the strongest, slowest motion; a clock would turn the fast bins far more."""
+    rng = np.random.default_rng(seed)
+    blocks, bins, length = 69, 63, 126
+    start, line = np.arange(blocks) * length, np.arange(1, bins + 1)
+    noise = rng.standard_normal((2, blocks, bins))
+    z = 1.0 + 2.0 * (noise[0] + 1j * noise[1])
+    for k, size in ((0, 100.0), (1, 25.0)):
+        turned = -8e-4 * 2.0 * np.pi * line[k] / length * start
+        z[:, k] = size * np.exp(1j * (turned + 5.0 / size * rng.standard_normal(blocks)))
+    played = np.ones((blocks, bins, 1), dtype=complex)
+    drift = drift_of(z, Blocks(played, z[:, :, None], line, length, start, np.zeros(blocks, dtype=int)))
+    assert drift is not None and not drift.found and abs(drift.relative) < 1e-4

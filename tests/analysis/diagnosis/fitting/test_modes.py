@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from analysis.diagnosis.fitting.balance import tune
 from analysis.diagnosis.fitting.fit import Setting
@@ -59,6 +60,20 @@ def test_a_mode_that_rings_from_before_the_record_is_found_where_it_is(off: floa
     assert np.expm1(fit.change[place]) == pytest.approx(off, abs=2e-4)
 
 
+def test_a_mode_that_a_sweep_passes_just_before_it_ends_is_found() -> None:
+    """Only the last part of the record shows it: a taper over the whole record would hide that part."""
+    t = np.arange(N) / RATE_HZ
+    hz, end = NOMINAL.omega_rad_s[1] * 1.04 / (2.0 * np.pi), 0.96 * t[-1]
+    u = 0.05 * scipy.signal.chirp(t, 5.0, end, hz, method="logarithmic")[:, None]
+    there = NOMINAL.omega_rad_s * np.array([1.0, 1.04])
+    noise = 300.0 * NOISE * np.random.default_rng(5).standard_normal((N, 1))
+    setting = setting_of(u, simulate(played(NOMINAL.with_(omega_rad_s=there), RATE_HZ), u) + noise)
+    (place,) = (k for k, n in enumerate(setting.nuisances) if n.mode == 1 and n.field == "omega_rad_s")
+    setting, fit = tune(setting)
+    assert np.expm1(fit.change[place]) == pytest.approx(0.04, abs=4.0 * fit.change_std[place])
+    assert fit.change_std[place] < 1e-3
+
+
 def test_a_mode_that_was_bent_on_its_way_is_tried_unbent_where_it_has_come_to() -> None:
     """At its right frequency with seven times its damping: no other place is better, and a descent may stay."""
     u = drive(N, 2)
@@ -79,7 +94,7 @@ def test_a_mode_is_where_a_whole_fit_has_it_although_something_louder_rings_else
     """What rings by itself leaves least of a mode that may begin anywhere; what the drive does tells them apart."""
     u, t = drive(N, 2), np.arange(N) / RATE_HZ
     there, louder = NOMINAL.omega_rad_s * np.array([[1.0, 1.03], [1.0, 1.06]])
-    ring = 1e-4 * np.exp(-NOMINAL.sigma_1_s[1] * t) * np.sin(louder[1] * t)
+    ring = 2e-4 * np.exp(-NOMINAL.sigma_1_s[1] * t) * np.sin(louder[1] * t)
     noise = NOISE * np.random.default_rng(3).standard_normal((N, 1))
     setting = setting_of(u, simulate(played(NOMINAL.with_(omega_rad_s=there), RATE_HZ), u) + ring[:, None] + noise)
     (place,) = (k for k, n in enumerate(setting.nuisances) if n.mode == 1 and n.field == "omega_rad_s")
