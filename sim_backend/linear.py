@@ -235,20 +235,30 @@ def delay_taps(delay_samples: float) -> Taps:
 
 
 _STRAIGHT = 0.125
-"""Angle per sample of the fastest mode up to which four held samples stand for a delayed one to one in 100,000."""
+"""Angle per step of the fastest mode up to which four held steps stand for a delayed one to one in 100,000."""
+
+_WITHIN = 4
+"""Fewest steps per sample beside a delay of parts of one. Commands jump from sample to sample, and four held samples
+spread a jump over four: however slow the modes are, their readings are off by a thousandth of what white commands do.
+Four steps keep most of it within the sample: 4e-5 at most, where the last fifth of a sample is left, else 1e-8."""
+
+
+def late_within_samples(model: ModalModel, rate_hz: float) -> bool:
+    """Tell whether any delay of `model` is no whole number of samples."""
+    late = model.delay_s * rate_hz
+    return bool(np.any(np.abs(late - np.round(late)) >= 1e-9))
 
 
 def finer_for_delays(model: ModalModel, rate_hz: float) -> int:
     """Return how many times faster than `rate_hz` a loop is to run for taps to stand for the delays of `model`.
 
-    One where all delays are whole numbers of samples, or its modes are slow. The cubic through four samples is off by
-    at most 1/24 of the fourth power of the angle per sample.
+    One where all delays are whole numbers of samples. The cubic through four steps is off by at most 1/24 of the fourth
+    power of the angle per step.
     """
-    late = model.delay_s * rate_hz
-    if np.all(np.abs(late - np.round(late)) < 1e-9):
+    if not late_within_samples(model, rate_hz):
         return 1
     angle = min(float(np.max(model.omega_rad_s, initial=0.0)) / rate_hz, np.pi)
-    return max(int(np.ceil(angle / _STRAIGHT)), 1)
+    return max(int(np.ceil(angle / _STRAIGHT)), _WITHIN)
 
 
 _TERMS = 18

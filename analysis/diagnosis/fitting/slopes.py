@@ -21,7 +21,7 @@ from analysis.diagnosis.records.dataset import Record
 from analysis.diagnosis.side_by_side import side_by_side
 from sim_backend.assembly import retuned
 from sim_backend.effects.base import Site
-from sim_backend.linear import Array, finer_for_delays
+from sim_backend.linear import Array, late_within_samples
 from sim_backend.modes import is_mode
 
 _STRAIGHT = 0.05
@@ -176,7 +176,7 @@ class Slopes:
         # a delay that ends within a sample leaves no torque that is held; beside what acts on the way to the structure
         # the means over samples have to do
         on_the_way = any(e.site in (Site.COMMAND, Site.CURRENT, Site.DRIVE, Site.STRUCTURE) for e in acting)
-        commanded = finer_for_delays(linear, rate_hz) > 1 and not on_the_way
+        commanded = late_within_samples(linear, rate_hz) and not on_the_way
         played = [r.u for r in s.data.records] if commanded else at.torques
 
         def answered(torque: Array, start: Array, record: Record, left: Array) -> Array:

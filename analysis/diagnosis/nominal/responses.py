@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.linear.simulate import delayed
 from sim_backend.jit import njit
-from sim_backend.linear import Array, DiscreteModel, ModalModel, discretise, finer_for_delays
+from sim_backend.linear import Array, DiscreteModel, ModalModel, discretise, late_within_samples
 
 
 @njit
@@ -60,7 +60,7 @@ def _propagate(a, b, c, d, f, out):  # type: ignore[no-untyped-def]
 
 def played(linear: ModalModel, rate_hz: float) -> DiscreteModel:
     """Return `linear` at one rate, its delays as exact as those of a replay."""
-    return discretise(linear, rate_hz, split=finer_for_delays(linear, rate_hz) > 1)
+    return discretise(linear, rate_hz, split=late_within_samples(linear, rate_hz))
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ import scipy
 
 from analysis.diagnosis.nominal.responses import contrast, driven_by, response, simulate
 from analysis.linear.simulate import delayed, weighted
-from sim_backend.linear import Array, DiscreteModel, ModalModel, delay_taps, discretise, finer_for_delays
+from sim_backend.linear import Array, DiscreteModel, ModalModel, delay_taps, discretise, late_within_samples
 
 _STEP = 1e-5
 """Relative step of finite differences: the square root of rounding at the size of a response, in double precision."""
@@ -248,7 +248,7 @@ class Turning:
 
 def turning(linear: ModalModel, nuisances: list[Nuisance], rate_hz: float, *, through_delay: bool = True) -> Turning:
     """Return every nuisance of `linear` adjusted both ways at one rate, for `Turning.columns` of any record."""
-    split = through_delay and finer_for_delays(linear, rate_hz) > 1
+    split = through_delay and late_within_samples(linear, rate_hz)
     whole = discretise(linear, rate_hz, split=split)
     there, back = (modes_alone(linear, nuisances, by, rate_hz, split=split) for by in (_STEP, -_STEP))
     return Turning(linear, nuisances, whole, there, back, through_delay)

@@ -105,7 +105,9 @@ def test_columns_that_others_hold_explain_nothing_of_their_own():
     matrix = np.column_stack([some[:, 0], np.zeros(50), some[:, 1], some[:, 0] - 2.0 * some[:, 1]])
     assert independent(matrix).tolist() == [0, 2]
     target = some[:, 0] + rng.standard_normal(50)
-    whole = Regression(triangle_of(np.column_stack([matrix, target])), np.zeros(4, dtype=int), np.zeros(4, dtype=int), 50, 0)
+    whole = Regression(
+        triangle_of(np.column_stack([matrix, target])), np.zeros(4, dtype=int), np.zeros(4, dtype=int), 50, 0
+    )
     groups = [np.arange(4) == k for k in range(4)]
     alone, both = (float(np.linalg.lstsq(some[:, :k], target)[1][0]) for k in (1, 2))
     assert whole.left(groups) == pytest.approx([alone, alone, both, both])
