@@ -244,7 +244,7 @@ Four steps keep most of it within the sample: 4e-5 at most, where the last fifth
 
 
 def late_within_samples(model: ModalModel, rate_hz: float) -> bool:
-    """Tell whether any delay of `model` is no whole number of samples."""
+    """Tell whether any delay of `model` has a part of a sample."""
     late = model.delay_s * rate_hz
     return bool(np.any(np.abs(late - np.round(late)) >= 1e-9))
 

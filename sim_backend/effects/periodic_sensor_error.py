@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sim_backend.effects.base import Effect, Site, shape, size
+from sim_backend.effects.over_position import READING_DISTANCES
 from sim_backend.effects.periodic import Periodic
-from sim_backend.effects.view import READING_DISTANCES, RecordView
+from sim_backend.effects.view import RecordView
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_backend.effects.base import Effect, Site, shape
+from sim_backend.effects.over_position import READING_DISTANCES
 from sim_backend.effects.rounding import Rounding
-from sim_backend.effects.view import READING_DISTANCES, RecordView
+from sim_backend.effects.view import RecordView
 
 
 @dataclass(frozen=True)
@@ -26,13 +27,13 @@ class SensorQuantisation(Rounding, Effect):
     def guess(cls, view: RecordView) -> list[dict[str, float]]:
         """Return the usual distance between neighbouring values of the position, steps that span the swing, and others.
 
-        These are the distances at which the residual repeats most: a reading that was rounded before its noise came to
-        it shows no steps.
+        These are the steps near which the residual repeats most: a reading that was rounded before its noise came to it
+        shows no steps.
         """
         levels = np.diff(np.unique(view.position))
         seen = [float(np.median(levels))] if levels.size else []
         spanned = [view.position_peak / steps for steps in (16, 256, 4096)]
-        return [{"step_size": q} for q in [*seen, *spanned, *view.residual_periods(2)]]
+        return [{"step_size": q} for q in [*seen, *spanned, *view.rounding_distances(2)]]
 
     @classmethod
     def choices(cls, view: RecordView) -> int:

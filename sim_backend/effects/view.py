@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from sim_backend.effects.over_position import OverPosition
 from sim_backend.jit import njit
 
 Array = NDArray[np.float64]
@@ -26,9 +27,6 @@ at least so many steps and at most so many."""
 
 DISTANCES = 1024
 """Distances over which a force is compared with itself: from half the range of positions to so small a part of it."""
-
-READING_DISTANCES = 16384
-"""The same for a residual: an interferometer's error repeats after a third of a micrometre, and over millimetres."""
 
 _REACHES = 1e-6
 """Part of the largest energy of a response, below which that is a rounding error."""
@@ -112,7 +110,8 @@ class RecordView:
     of the nominal model at this location (0 for a rigid body). `wanted` (n,), where known, is by how much the
     likelihood would rise per unit of a small change of each sample of the input, and `answer` (rows, n_y) what a change
     by one unit of a single sample makes of the readings, in standard deviations of their noise. `ends` are the samples
-    at which the runs end that are joined here.
+    at which the runs end that are joined here. `sensed` (n,), where known, is the position by the model alone: what of
+    the residual is motion is not in it, and neither is what is an error of the reading.
     """
 
     rate_hz: float
@@ -125,6 +124,7 @@ class RecordView:
     wanted: Array | None = None
     answer: Array | None = None
     ends: tuple[int, ...] = ()
+    sensed: Array | None = None
 
     @property
     def seen(self) -> float:
@@ -365,25 +365,15 @@ class RecordView:
     def residual_periods(self, n: int) -> list[float]:
         """Return the `n` distances (output unit) after which the residual repeats most over the position.
 
-        The residual is averaged in bins over the range of positions, four to the smallest distance; found are distances
-        from half that range to the smallest of `READING_DISTANCES`. Empty when the position does not move.
+        As many more over the position by the model alone, where that is known: if the noise is slow, the other has
+        noise of many fine distances. Empty when the position does not move.
         """
-        width, n_bins = self.position_range, 4 * READING_DISTANCES
-        if not width > 0.0:
-            return []
-        low = float(np.min(self.position))
-        bins = np.minimum(((self.position - low) / width * n_bins).astype(np.int64), n_bins - 1)
-        count = np.bincount(bins, minlength=n_bins)
-        mean = np.bincount(bins, weights=self.residual, minlength=n_bins) / np.maximum(count, 1)
-        at = np.linspace(-1.0, 1.0, n_bins)
-        # what is smooth over the whole range is another effect
-        smooth = np.polynomial.polynomial.polyfit(at, mean, 3, w=np.sqrt(count))
-        rough = np.where(count > 0, mean - np.polynomial.polynomial.polyval(at, smooth), 0.0)
-        power = np.abs(np.fft.rfft(rough * np.hanning(n_bins), 4 * n_bins))[: 4 * READING_DISTANCES] ** 2
-        power[:8] = 0.0
-        periods: list[float] = []
-        for _ in range(n):
-            i = max(int(np.argmax(power)), 8)
-            periods.append(width * 4.0 / i)
-            power[max(0, i - 8) : i + 9] = 0.0
-        return periods
+        return [distance for over in self._over_positions() for distance in over.periods(n)]
+
+    def rounding_distances(self, n: int) -> list[float]:
+        """Return, near each of the `residual_periods`, the step of a rounding that the residual resembles most."""
+        return [step for over in self._over_positions() for step in over.steps(n)]
+
+    def _over_positions(self) -> list[OverPosition]:
+        positions = [self.position] if self.sensed is None else [self.position, self.sensed]
+        return [over for x in positions if (over := OverPosition.of(x, self.residual)) is not None]

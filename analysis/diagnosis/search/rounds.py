@@ -17,12 +17,12 @@ from analysis.diagnosis.fitting.balance import (
     reestimated,
     score,
     sharpened,
-    stepped,
 )
 from analysis.diagnosis.fitting.discrepancy import Discrepancy, discrepancy_of, explained_by
 from analysis.diagnosis.fitting.fit import Fit, Setting, steps_for, steps_in_noise
 from analysis.diagnosis.fitting.refit import LONG
 from analysis.diagnosis.search.fading import beside_what_fades
+from analysis.diagnosis.search.from_the_wave import from_the_wave
 from analysis.diagnosis.search.pruning import has_seen_model, lead_of, needed, pruned
 from analysis.diagnosis.search.recorded_steps import with_recorded_steps
 from analysis.diagnosis.search.rubbing import rubbing
@@ -227,26 +227,6 @@ def _best_start(setting: Setting, starts: Sequence[Fit], rival: float) -> Fit:
     return min(found, key=lambda fit: score(fit, False))
 
 
-def _from_the_best(setting: Setting, trials: Sequence[Fit]) -> list[Fit]:
-    """Return `trials`, those with steps at the best one's location refitted from its nuisances where that is better.
-
-    The effect of a rounding depends on the motion to a small part of its step, and from a wrong motion no slope leads
-    to the right one. A smooth effect at the same location finds it: the wave that the steps make.
-    """
-    known = setting.whitener.repeats
-    best = min(trials, key=lambda f: score(f, known))
-    places = {c.where for c in best.candidates}
-
-    def begun(fit: Fit) -> Fit:
-        if fit is best or not stepped(fit) or not places & {c.where for c in fit.candidates}:
-            return fit
-        there = replace(fit, change=best.change[: fit.change.size])
-        other = sharpened(setting, there) if known else iterated_gls(setting, sharpened(setting, there))[1]
-        return min(fit, other, key=lambda f: score(f, known))
-
-    return [begun(fit) for fit in trials]
-
-
 def n_compared(leads: Sequence[float], *, known: bool) -> int:
     """Return how many trials of a round are refitted with care, by their `leads`, largest first (twice a logarithm).
 
@@ -338,7 +318,7 @@ def _in_their_steps(
         careful = replace(setting, substeps=max(setting.substeps, rules.substeps))
         return _in_fine_steps(careful, trials, before, price)
     setting, trials, before = _iterated_gls(setting, trials, before, price)
-    return setting, _from_the_best(setting, trials), before
+    return *from_the_wave(setting, trials), before
 
 
 def _in_fine_steps(setting: Setting, trials: list[Fit], before: Fit, price: float) -> tuple[Setting, list[Fit], Fit]:
@@ -352,7 +332,7 @@ def _in_fine_steps(setting: Setting, trials: list[Fit], before: Fit, price: floa
     best = _best_of(setting, trials, before, price)
     finer = max(steps_for(setting, [best]), steps_in_noise(setting, best))
     if finer < _FINER * setting.substeps:
-        return setting, _from_the_best(setting, trials), before
+        return *from_the_wave(setting, trials), before
     setting = replace(setting, substeps=finer)
     return _in_fine_steps(setting, [_simulated(setting, f) for f in trials], before, price)
 

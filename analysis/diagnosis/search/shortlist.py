@@ -232,6 +232,7 @@ def views_of(setting: Setting, motions: Sequence[Motion], linear: ModalModel) ->
             wanted[i],
             answers[i],
             ends,
+            np.concatenate([m.sensed @ along for m in motions]),
         )
     return views
 

@@ -19,7 +19,8 @@ from analysis.diagnosis.candidates.signature import Motion
 from analysis.diagnosis.nominal.responses import no_columns, response
 from analysis.diagnosis.verdict.basis import recursion
 from sim_backend.assembly import Places
-from sim_backend.effects.view import DISTANCES, READING_DISTANCES, RecordView
+from sim_backend.effects.over_position import READING_DISTANCES
+from sim_backend.effects.view import DISTANCES, RecordView
 from sim_backend.linear import Array, DiscreteModel
 
 _LEVELS = 2**17
