@@ -322,7 +322,8 @@ def _checked(
     unsteady, played = reservation(judgement.verdict, shown), follows_play(shown)
     if growing := scatter_follows_play(data, answer.after):
         unsteady, played = growing, True
-    return beside_doubts(validated(judgement, answer.gain, repeats, unsteady, played), data.doubts), unsteady
+    judgement = validated(judgement, answer.gain, repeats, unsteady, played)
+    return beside_doubts(judgement, data, answer.after), unsteady
 
 
 def _judged(found: Found, variance: VarianceEffects) -> tuple[Judgement, str]:

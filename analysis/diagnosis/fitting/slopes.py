@@ -20,7 +20,7 @@ from analysis.diagnosis.nominal.tuning import Nuisance, sensitivities, turned, t
 from analysis.diagnosis.records.dataset import Record
 from analysis.diagnosis.side_by_side import side_by_side
 from sim_backend.assembly import retuned
-from sim_backend.effects.base import Site
+from sim_backend.effects.base import Effect, Site
 from sim_backend.linear import Array, late_within_samples
 from sim_backend.modes import is_mode
 
@@ -175,20 +175,33 @@ class Slopes:
 
         # a delay that ends within a sample leaves no torque that is held; beside what acts on the way to the structure
         # the means over samples have to do
-        on_the_way = any(e.site in (Site.COMMAND, Site.CURRENT, Site.DRIVE, Site.STRUCTURE) for e in acting)
-        commanded = late_within_samples(linear, rate_hz) and not on_the_way
-        played = [r.u for r in s.data.records] if commanded else at.torques
+        in_drive = any(e.site in (Site.COMMAND, Site.CURRENT, Site.DRIVE) for e in acting)
+        commanded = late_within_samples(linear, rate_hz) and not in_drive and not _in_structure(acting)
+        commands = [r.u for r in s.data.records]
+        # commands alone are late: what acts on the structure is not
+        late = [] if in_drive else [i for i, nuisance in enumerate(nuisances) if nuisance.field == "delay_s"]
+        delays = turning(linear, [nuisances[i] for i in late], rate_hz)
+
+        def with_delays(moved: Array, record: Record, start: Array) -> Array:
+            moved[:, :, late] = delays.columns(record.u, start)
+            return moved
 
         def answered(torque: Array, start: Array, record: Record, left: Array) -> Array:
             motion = moved_as(record, record.y - left, rate_hz)
             own = answering(linear, acting, s.places, motion, torque, start, rate_hz)
             moved = sensitivities(own.linear, nuisances, own.torque, rate_hz, start, through_delay=False)
+            moved = with_delays(moved, record, start)
             pushed = [own.moved_by(effects[which], there, s.places, rate_hz) / step for which, there, step in nearby]
             return own.closed(np.concatenate([moved, *(p[:, :, None] for p in pushed)], axis=2))
 
         if self._answering:
             return s.each(answered, at.torques, s.states, s.data.records, at.residuals)
-        return s.each(turning(linear, nuisances, rate_hz, through_delay=commanded).columns, played, s.states)
+        whole = turning(linear, nuisances, rate_hz, through_delay=commanded)
+
+        def columns(torque: Array, start: Array, record: Record) -> Array:
+            return with_delays(whole.columns(torque, start), record, start)
+
+        return s.each(columns, commands if commanded else at.torques, s.states, s.data.records)
 
     def _touched(self, nuisance: Nuisance) -> bool:
         """Tell whether an effect acts on, or through, the mode of this nuisance."""
@@ -200,3 +213,8 @@ class Slopes:
         acting = [c.where for c in self._problem.candidates] + [e.where for e in s.known]
         names = {name for where in acting for name in where.split("->")}
         return bool(names & (inputs | outputs)) or not names <= {*s.places.inputs, *s.places.outputs}
+
+
+def _in_structure(acting: Sequence[Effect]) -> bool:
+    """Tell whether any of these effects adds torques on the structure."""
+    return any(effect.site is Site.STRUCTURE for effect in acting)

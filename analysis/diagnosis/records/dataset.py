@@ -220,13 +220,15 @@ class Dataset:
     """All records of a diagnosis, at one sample rate, with the same inputs and outputs.
 
     `doubts` say why no cause can be named from them, whatever fits; usually there are none. An `integrating` axis moves
-    on without a force, and its errors add up.
+    on without a force, and its errors add up. `beats` are the samples from one reading of each output to the next that
+    is new, those of a sensor slower than the log.
     """
 
     rate_hz: float
     records: tuple[Record, ...]
     doubts: tuple[str, ...] = ()
     integrating: bool = False
+    beats: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         # one size for all: noise that is larger where a bench moves more is a cause
@@ -291,6 +293,18 @@ class Dataset:
             return self
         records = (replace(r, u=steps_for(r.u, period=r.period)) for r in self.records)
         return replace(self, records=tuple(records))
+
+    def staircase(self) -> Array:
+        """Return the rms error (n_y,) of outputs that keep their reading while a slow sensor has none that is new.
+
+        Without its mean lag, which a delay of the model makes up for: a reading is up to b - 1 samples old, evenly
+        spread, of b in which it changes by `step`, and that has a variance of step² (b² - 1) / (12 b²).
+        """
+        out = np.zeros(self.n_outputs)
+        for o, beat in enumerate(self.beats):
+            step = np.concatenate([r.y[beat:, o] - r.y[:-beat, o] for r in self.records])
+            out[o] = np.sqrt(np.mean(step**2) * (beat**2 - 1.0) / 12.0) / beat
+        return out
 
     def y_scale(self) -> Array:
         """Return the rms of each output about its mean over all records, shape (n_y,)."""

@@ -143,7 +143,7 @@ def _load(runs: Sequence[Run], model: Model, max_rows: int) -> Loaded:
     check_enough(held, ", ".join(str(run.path) for run in runs))
     notes += copies
     integrating = bool(np.any(model.linear().omega_rad_s == 0.0))
-    data = Dataset(rate_hz, held, _doubts(runs, matches), integrating).seen_by(model)
+    data = Dataset(rate_hz, held, _doubts(runs, matches), integrating, _beats(runs, matches)).seen_by(model)
     notes += [remark for remark in remarks_on(runs) if "cut off" not in remark]  # noted above, with the samples used
     return Loaded(data, tuple(sources), (*notes, *([note] if note else [])))
 
@@ -157,6 +157,17 @@ def _doubts(runs: Sequence[Run], matches: Sequence[Match]) -> tuple[str, ...]:
         if fact.name == "slow-sensor" and fact.channel in match.outputs
     ]
     return tuple(dict.fromkeys(told))
+
+
+def _beats(runs: Sequence[Run], matches: Sequence[Match]) -> tuple[int, ...]:
+    """Return after how many samples each output has a new reading, one where its sensor keeps up."""
+    beats = [1] * len(matches[0].outputs)
+    for run, match in zip(runs, matches, strict=True):
+        for fact in facts_of(run):
+            if fact.name == "slow-sensor" and fact.channel in match.outputs:
+                o = match.outputs.index(fact.channel)
+                beats[o] = max(beats[o], int(fact.numbers["every"]))
+    return tuple(beats)
 
 
 def _common_rate(runs: Sequence[Run]) -> float:

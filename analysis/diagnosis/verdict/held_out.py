@@ -13,13 +13,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from analysis.diagnosis.records.dataset import Dataset
 from analysis.diagnosis.result import SELDOM, Domain, Gain, Remainder
 from analysis.diagnosis.verdict.judging import Judgement
 from analysis.diagnosis.verdict.lack_of_fit import ONE_IN_A_MILLION
 from analysis.diagnosis.verdict.outstanding import least_by_chance
+from sim_backend.linear import Array
 
 _MOST = 0.5
-"""Part of the squared output above which the residual is most of it."""
+"""Part of a sum of squares that is most of it: the residual of the output, or a staircase of the residual."""
 
 ABOVE_NOISE = 1.2
 """Times the noise, as rms, from which on the error on held-out samples is not noise."""
@@ -147,8 +149,14 @@ def _on_held_out(gain: Gain | None) -> Remainder | None:
     return Remainder(float(np.clip(share, 0.0, 1.0)), SELDOM, "the held-out samples")
 
 
-def beside_doubts(judgement: Judgement, doubts: Sequence[str]) -> Judgement:
-    """Return `judgement`, or *unknown* where it names something and `doubts` about the records forbid a name."""
-    if not doubts or judgement.verdict == "consistent":
+def beside_doubts(judgement: Judgement, data: Dataset, left: Sequence[Array]) -> Judgement:
+    """Return `judgement`, or *unknown* where doubts about the records of `data` forbid it.
+
+    They forbid every name; and that what is `left`, (n, n_y) per record, is noise, where most of it is the staircase of
+    a sensor that is slower than the log.
+    """
+    doubts = data.doubts
+    most = _MOST * np.mean(np.concatenate(left) ** 2, axis=0)
+    if not doubts or (judgement.verdict == "consistent" and not np.any(data.staircase() ** 2 > most)):
         return judgement
     return replace(judgement, verdict="unknown", named=(), tied=(), failed_check="; ".join(doubts), remainder=None)
