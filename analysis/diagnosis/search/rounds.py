@@ -22,7 +22,7 @@ from analysis.diagnosis.fitting.discrepancy import Discrepancy, discrepancy_of, 
 from analysis.diagnosis.fitting.fit import Fit, Setting, steps_for, steps_in_noise
 from analysis.diagnosis.fitting.refit import LONG
 from analysis.diagnosis.search.fading import beside_what_fades
-from analysis.diagnosis.search.from_the_wave import from_the_wave
+from analysis.diagnosis.search.from_the_wave import from_the_wave, with_rounding
 from analysis.diagnosis.search.pruning import has_seen_model, lead_of, needed, pruned
 from analysis.diagnosis.search.recorded_steps import with_recorded_steps
 from analysis.diagnosis.search.rubbing import rubbing
@@ -134,6 +134,7 @@ def search(
             passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
         # what was passed over is only ever a rival of the first cause
         some = [f for _, f in ahead[: n_compared([lead for lead, _ in ahead], known=known or bool(best.candidates))]]
+        some = with_rounding(setting, some, best, last)
         setting, trials, before = _in_their_steps(setting, some, best, last.price, rules)
         best = sharpened(setting, _best_of(setting, trials, before, last.price))
         best, rivals = with_recorded_steps(setting, best, rules.lattices), [*trials, before]
