@@ -133,8 +133,7 @@ def search(
         if not best.candidates:
             passed = {f.candidates[0].key: 0.5 * (_top(ahead) - lead) for lead, f in ahead}
         # what was passed over is only ever a rival of the first cause
-        some = [f for _, f in ahead[: n_compared([lead for lead, _ in ahead], known=known or bool(best.candidates))]]
-        some = with_rounding(setting, some, best, last)
+        some = with_rounding(setting, _compared(ahead, known=known or bool(best.candidates)), best, last)
         setting, trials, before = _in_their_steps(setting, some, best, last.price, rules)
         best = sharpened(setting, _best_of(setting, trials, before, last.price))
         best, rivals = with_recorded_steps(setting, best, rules.lattices), [*trials, before]
@@ -226,6 +225,11 @@ def _best_start(setting: Setting, starts: Sequence[Fit], rival: float) -> Fit:
         found.append(iterated_gls(setting, fit, rival)[1])
         rival = min(rival, score(found[-1], False))
     return min(found, key=lambda fit: score(fit, False))
+
+
+def _compared(ahead: Sequence[tuple[float, Fit]], *, known: bool) -> list[Fit]:
+    """Return the trials of a round that are refitted with care, by their leads, largest first."""
+    return [fit for _, fit in ahead[: n_compared([lead for lead, _ in ahead], known=known)]]
 
 
 def n_compared(leads: Sequence[float], *, known: bool) -> int:
