@@ -24,6 +24,7 @@ from analysis.diagnosis.tails import chi2_tail
 from analysis.diagnosis.variance.chance import Chance
 from analysis.diagnosis.variance.quantisation import lattices_of
 from analysis.diagnosis.variance.repeats import MAD
+from sim_backend.effects.base import Site
 from sim_backend.effects.dropped_samples import DroppedSamples
 from sim_backend.linear import Array
 
@@ -109,8 +110,10 @@ class _Rows:
 
 def late_readings(setting: Setting, fit: Fit) -> list[Chance]:
     """Return every output of which some readings, at random, are those of a sample before."""
-    lattices = lattices_of(setting.data, setting.places.outputs)  # readings in steps follow the motion in their error
-    found = (_late(setting, fit, o, w) for o, w in enumerate(setting.places.outputs) if w not in lattices)
+    # readings in steps follow the motion in their error, whether their noise came before the steps or after them
+    rounded = [c.where for c in fit.candidates if c.effect.whole and c.effect.site is Site.READING]
+    in_steps = {*lattices_of(setting.data, setting.places.outputs), *rounded}
+    found = (_late(setting, fit, o, w) for o, w in enumerate(setting.places.outputs) if w not in in_steps)
     return [one for one in found if one is not None]
 
 
