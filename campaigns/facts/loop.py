@@ -14,6 +14,7 @@ well, and must explain much less. An input that can be predicted from its past, 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -35,6 +36,9 @@ LEAST_SHARE = 0.02
 
 RATIO = 3.0
 """By how much more they hold than the inputs farther past do."""
+
+LEAST_LEFT = 1e-9
+"""Part of what is new in an output that rounding may leave of it."""
 
 ROUNDING = 1e-9
 """Part of an input's power below which what its references leave of it may be rounding."""
@@ -70,7 +74,8 @@ class Answer:
     @property
     def beyond_the_past(self) -> bool:
         """Whether they tell much more of it than inputs farther past: both by the logarithm of what they leave."""
-        return np.log1p(-min(self.share, 1.0 - EXACT)) < RATIO * np.log1p(-min(self.before, 1.0 - EXACT))
+        left, left_before = (max(1.0 - share, LEAST_LEFT) for share in (self.share, self.before))
+        return math.log(left) < RATIO * math.log(left_before)
 
 
 def facts(seen: Seen, stretches: Sequence[Stretch], known: Sequence[Fact]) -> list[Fact]:

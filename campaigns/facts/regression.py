@@ -66,9 +66,9 @@ class Regression:
     def fresh(self) -> float:
         """Return which part of the least predictable input's power is new in the next sample, given its past."""
         earlier = np.flatnonzero((self.of <= -2) | self.past | self.before)
+        kept = earlier[independent(self.triangle[:, earlier])]
         parts = []
         for next_one in np.flatnonzero((self.of >= 0) & (self.lag == -1)):
-            kept = earlier[independent(self.triangle[:, earlier])]
             column = triangle_of(self.triangle[:, [*kept, next_one]])[:, -1] ** 2
             parts.append(float(column[-1] / max(column.sum(), np.finfo(float).tiny)))
         return max(parts)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,14 +48,20 @@ class OverPosition:
 
     def periods(self, n: int) -> list[float]:
         """Return the `n` distances after which it repeats most, from half the range to the smallest."""
-        power = np.abs(np.fft.rfft(self.rough * np.hanning(_BINS), 4 * _BINS))[:_BINS] ** 2
-        power[:8] = 0.0
+        power = self._power.copy()
         periods: list[float] = []
         for _ in range(n):
             i = max(int(np.argmax(power)), 8)
             periods.append(self.width * 4.0 / i)
             power[max(0, i - 8) : i + 9] = 0.0
         return periods
+
+    @cached_property
+    def _power(self) -> Array:
+        """The spectrum (bins,) over the position, without what repeats less than twice: used by several effects."""
+        power = np.abs(np.fft.rfft(self.rough * np.hanning(_BINS), 4 * _BINS))[:_BINS] ** 2
+        power[:8] = 0.0
+        return np.asarray(power)
 
     def steps(self, n: int) -> list[float]:
         """Return, near each of `n` such distances, the step of a rounding that it resembles most.

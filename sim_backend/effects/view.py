@@ -368,12 +368,13 @@ class RecordView:
         As many more over the position by the model alone, where that is known: if the noise is slow, the other has
         noise of many fine distances. Empty when the position does not move.
         """
-        return [distance for over in self._over_positions() for distance in over.periods(n)]
+        return [distance for over in self._over_positions for distance in over.periods(n)]
 
     def rounding_distances(self, n: int) -> list[float]:
         """Return, near each of the `residual_periods`, the step of a rounding that the residual resembles most."""
-        return [step for over in self._over_positions() for step in over.steps(n)]
+        return [step for over in self._over_positions for step in over.steps(n)]
 
+    @cached_property
     def _over_positions(self) -> list[OverPosition]:
         positions = [self.position] if self.sensed is None else [self.position, self.sensed]
         return [over for x in positions if (over := OverPosition.of(x, self.residual)) is not None]

@@ -20,7 +20,7 @@ from analysis.diagnosis.nominal.tuning import Nuisance, sensitivities, turned, t
 from analysis.diagnosis.records.dataset import Record
 from analysis.diagnosis.side_by_side import side_by_side
 from sim_backend.assembly import retuned
-from sim_backend.effects.base import Effect, Site
+from sim_backend.effects.base import Site
 from sim_backend.linear import Array, late_within_samples
 from sim_backend.modes import is_mode
 
@@ -175,15 +175,16 @@ class Slopes:
 
         # a delay that ends within a sample leaves no torque that is held; beside what acts on the way to the structure
         # the means over samples have to do
-        in_drive = any(e.site in (Site.COMMAND, Site.CURRENT, Site.DRIVE) for e in acting)
-        commanded = late_within_samples(linear, rate_hz) and not in_drive and not _in_structure(acting)
-        commands = [r.u for r in s.data.records]
+        sites = {effect.site for effect in acting}
+        in_drive = bool(sites & {Site.COMMAND, Site.CURRENT, Site.DRIVE})
+        commanded = late_within_samples(linear, rate_hz) and not in_drive and Site.STRUCTURE not in sites
         # commands alone are late: what acts on the structure is not
         late = [] if in_drive else [i for i, nuisance in enumerate(nuisances) if nuisance.field == "delay_s"]
         delays = turning(linear, [nuisances[i] for i in late], rate_hz)
 
         def with_delays(moved: Array, record: Record, start: Array) -> Array:
-            moved[:, :, late] = delays.columns(record.u, start)
+            if late:
+                moved[:, :, late] = delays.columns(record.u, start)
             return moved
 
         def answered(torque: Array, start: Array, record: Record, left: Array) -> Array:
@@ -197,11 +198,13 @@ class Slopes:
         if self._answering:
             return s.each(answered, at.torques, s.states, s.data.records, at.residuals)
         whole = turning(linear, nuisances, rate_hz, through_delay=commanded)
+        if commanded:  # these hold the delays' columns as well
+            return s.each(whole.columns, [r.u for r in s.data.records], s.states)
 
         def columns(torque: Array, start: Array, record: Record) -> Array:
             return with_delays(whole.columns(torque, start), record, start)
 
-        return s.each(columns, commands if commanded else at.torques, s.states, s.data.records)
+        return s.each(columns, at.torques, s.states, s.data.records)
 
     def _touched(self, nuisance: Nuisance) -> bool:
         """Tell whether an effect acts on, or through, the mode of this nuisance."""
@@ -213,8 +216,3 @@ class Slopes:
         acting = [c.where for c in self._problem.candidates] + [e.where for e in s.known]
         names = {name for where in acting for name in where.split("->")}
         return bool(names & (inputs | outputs)) or not names <= {*s.places.inputs, *s.places.outputs}
-
-
-def _in_structure(acting: Sequence[Effect]) -> bool:
-    """Tell whether any of these effects adds torques on the structure."""
-    return any(effect.site is Site.STRUCTURE for effect in acting)

@@ -27,7 +27,7 @@ from analysis.diagnosis.records.checks import (
 )
 from analysis.diagnosis.records.dataset import Dataset, Record, Window, period_within
 from analysis.diagnosis.records.holding import with_held_out
-from campaigns.facts import facts_of, remarks_on, usable_segments
+from campaigns.facts import Fact, facts_of, remarks_on, usable_segments
 from campaigns.facts.unbroken import NAME as UNBROKEN
 from campaigns.log import Run, read_run, sha256_of, unit_named
 from sim_backend.errors import ConfigError, DataError
@@ -152,9 +152,7 @@ def _doubts(runs: Sequence[Run], matches: Sequence[Match]) -> tuple[str, ...]:
     """Return why no cause can be named from these logs, whatever fits them."""
     told = [
         f"{run.path.name}: {fact.finding}; what a staircase adds above half its rate looks like resonances and noise"
-        for run, match in zip(runs, matches, strict=True)
-        for fact in facts_of(run)
-        if fact.name == "slow-sensor" and fact.channel in match.outputs
+        for run, _, fact in _slow_sensors(runs, matches)
     ]
     return tuple(dict.fromkeys(told))
 
@@ -162,12 +160,19 @@ def _doubts(runs: Sequence[Run], matches: Sequence[Match]) -> tuple[str, ...]:
 def _beats(runs: Sequence[Run], matches: Sequence[Match]) -> tuple[int, ...]:
     """Return after how many samples each output has a new reading, one where its sensor keeps up."""
     beats = [1] * len(matches[0].outputs)
-    for run, match in zip(runs, matches, strict=True):
-        for fact in facts_of(run):
-            if fact.name == "slow-sensor" and fact.channel in match.outputs:
-                o = match.outputs.index(fact.channel)
-                beats[o] = max(beats[o], int(fact.numbers["every"]))
+    for _, o, fact in _slow_sensors(runs, matches):
+        beats[o] = max(beats[o], int(fact.numbers["every"]))
     return tuple(beats)
+
+
+def _slow_sensors(runs: Sequence[Run], matches: Sequence[Match]) -> list[tuple[Run, int, Fact]]:
+    """Return every fact of an output's sensor that is slower than the log, with its run and the output's number."""
+    return [
+        (run, match.outputs.index(fact.channel), fact)
+        for run, match in zip(runs, matches, strict=True)
+        for fact in facts_of(run)
+        if fact.name == "slow-sensor" and fact.channel in match.outputs
+    ]
 
 
 def _common_rate(runs: Sequence[Run]) -> float:

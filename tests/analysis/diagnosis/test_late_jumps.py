@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.diagnosis.api import diagnose
-from sim_backend.model import Mode, Model, Port
+from sim_backend.model import Model
+from tests.analysis.diagnosis.two_axes import two_axes
 
 RATE_HZ, FINE = 4000.0, 100
 LATE = 0.57
@@ -15,23 +16,8 @@ DAMPING, NOISE = 0.05, 1e-4
 
 def bench() -> Model:
     """Return a fast and a slow axis of unit DC gain whose commands come in within a sample."""
-    return Model(
-        name="late",
-        sample_rate_hz=RATE_HZ,
-        inputs=[Port(name=f"force_{a}", unit="N", dof=a) for a in AXES],
-        outputs=[Port(name=a, unit="m", dof=a) for a in AXES],
-        modes=[
-            Mode(
-                label=a,
-                frequency_hz=hz,
-                decay_rate_1_s=2.0 * np.pi * hz * DAMPING,
-                input={f"force_{a}": (2.0 * np.pi * hz) ** 2},
-                output={a: 1.0},
-            )
-            for a, hz in AXES.items()
-        ],
-        delay_s={f"force_{a}": LATE / RATE_HZ for a in AXES},
-    )
+    decay_1_s = {axis: 2.0 * np.pi * hz * DAMPING for axis, hz in AXES.items()}
+    return two_axes(AXES, decay_1_s, RATE_HZ, LATE / RATE_HZ)
 
 
 def moved(force: np.ndarray, frequency_hz: float) -> np.ndarray:
