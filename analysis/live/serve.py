@@ -19,6 +19,7 @@ from typing import Any, Final
 
 from analysis.live.state import State, look
 from analysis.pages.environment import embedded, page_environment
+from analysis.recorded.ctrl_c import awaited
 from analysis.recorded.watching import Snapshot, Watch, patiently
 from campaigns.version import tool_commit, tool_version
 from sim_backend.errors import ConfigError, MccdError
@@ -124,18 +125,17 @@ def show(watching: Watch, period_s: float, port: int, tell: Callable[[str], None
     """
     seen, state = patiently(lambda: look(watching, time.monotonic()), watching.path)
     with _serving(port, state, period_s) as server:
-        tell(server.address)
-        with suppress(KeyboardInterrupt):
-            for newest in _looks(watching, seen, server, period_s):
+        with awaited() as ctrl_c_within, suppress(KeyboardInterrupt):
+            tell(server.address)
+            for newest in _looks(watching, seen, server, lambda: ctrl_c_within(period_s)):
                 seen = newest
     return seen
 
 
-def _looks(watching: Watch, seen: Snapshot, server: Server, period_s: float) -> Iterator[Snapshot]:
-    """Look again and again, for ever, and yield what is seen; an ended run is read again only when its file changes."""
+def _looks(watching: Watch, seen: Snapshot, server: Server, enough: Callable[[], bool]) -> Iterator[Snapshot]:
+    """Look again until `enough`, and yield what is seen; an ended run is read again only when its file changes."""
     as_ended = None if seen.running else _signature(watching)
-    while True:
-        time.sleep(period_s)
+    while not enough():
         now = _signature(watching)
         if now is not None and now == as_ended:
             continue

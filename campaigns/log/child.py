@@ -104,12 +104,8 @@ class Limited:
         """Let the child take so many seconds of a processor for what is asked of it inside the block."""
         self._limit_s, self._wait_s = limit_s, WAIT_S + WAITS * limit_s
         _bound_processor_time(self.process, limit_s)
-        timer = threading.Timer(self._wait_s, self._end)
-        timer.start()
-        try:
+        with _timer(self._wait_s, self._end):
             yield
-        finally:
-            timer.cancel()
 
     def why(self, path: Path) -> DataError:
         """Return the error for a child that has not answered about the file at `path`."""
@@ -140,6 +136,22 @@ class Limited:
         self.process.kill()
 
 
+@contextlib.contextmanager
+def _timer(after_s: float, act: Callable[[], object]) -> Iterator[threading.Timer]:
+    """Let `act` be called after so many seconds, unless the block ends before.
+
+    Ctrl-C may come before the block is entered, and the timer then runs on: as a daemon it keeps no process from
+    ending.
+    """
+    timer = threading.Timer(after_s, act)
+    timer.daemon = True
+    try:
+        timer.start()
+        yield timer
+    finally:
+        timer.cancel()
+
+
 def tell_ready() -> None:
     """Say in a child, as its first line, that it has started: from then on the time that its file takes counts."""
     sys.stdout.buffer.write(b"ready\n")
@@ -149,13 +161,9 @@ def tell_ready() -> None:
 def await_ready(process: subprocess.Popen[bytes], path: Path) -> None:
     """Wait until a child has started that reads the file at `path`; raises DataError when it does not in time."""
     assert process.stdout is not None  # start_python makes it a pipe
-    timer = threading.Timer(START_S, process.kill)
-    timer.start()
-    try:
+    with _timer(START_S, process.kill) as timer:
         if process.stdout.readline() == b"ready\n":
             return
-    finally:
-        timer.cancel()
     process.wait()
     why = f"within {START_S:.0f} s" if timer.finished.is_set() and process.returncode < 0 else "as it should"
     raise ReaderFailedError(

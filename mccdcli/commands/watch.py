@@ -105,16 +105,19 @@ def _in_browser(run: Path, model: str | None, period_s: float, port: int) -> Sna
 
 def _looks(run: Path, model: str | None, period_s: float, once: bool) -> Iterator[Snapshot]:
     """Yield the run as it is every `period_s` until it ends."""
+    from analysis.recorded.ctrl_c import awaited
     from analysis.recorded.watching import Watch, patiently
     from sim_backend.model import load_model
 
     watching = Watch(run, None if model is None else load_model(model))
-    while True:
-        found = patiently(lambda: watching.look(time.monotonic()), run)
-        yield found
-        if once or not found.running:
-            return
-        time.sleep(period_s)
+    with awaited() as ctrl_c_within:
+        while True:
+            found = patiently(lambda: watching.look(time.monotonic()), run)
+            yield found
+            if once or not found.running:
+                return
+            if ctrl_c_within(period_s):
+                raise KeyboardInterrupt
 
 
 def _live(looks: Iterator[Snapshot]) -> Snapshot | None:

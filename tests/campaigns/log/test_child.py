@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
-from campaigns.log.child import LEAST_S, time_limit_s
+from campaigns.log.child import LEAST_S, Limited, start_python, time_limit_s
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -53,3 +54,24 @@ def test_a_hole_in_a_file_gives_its_reader_no_more_time(tmp_path: Path) -> None:
     path.write_bytes(b"MATLAB")
     os.truncate(path, 5 * 2**30)
     assert time_limit_s(path) < LEAST_S + 1.0
+
+
+def test_an_interrupt_as_a_child_is_asked_leaves_nothing_that_keeps_this_process_from_ending(monkeypatch) -> None:
+    """Ctrl-C may come when the timer of the child's time limit has started and nobody is there yet to stop it."""
+    start = threading.Timer.start
+
+    def interrupted(timer: threading.Timer) -> None:
+        start(timer)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(threading.Timer, "start", interrupted)
+    before = set(threading.enumerate())
+    reader = Limited(start_python("input()", talk=True))
+    with pytest.raises(KeyboardInterrupt), reader.within(LEAST_S):
+        pass
+    with pytest.raises(KeyboardInterrupt):
+        reader.await_ready(Path("run.h5"))
+    reader.close()
+    for thread in set(threading.enumerate()) - before:
+        thread.join(10.0)
+        assert not thread.is_alive()
