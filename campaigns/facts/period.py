@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -19,6 +20,12 @@ BETTER = 1.0 / 3.0
 
 REPEATS = 0.02
 """What two parts of an input may differ by, against its size, where nobody has said that it repeats."""
+
+SAME = 1e-9
+"""What two parts of an input may differ by, against its size, and be the same."""
+
+LINES = 20_000
+"""Of how many frequencies of an input, the strongest ones, a shift by parts of a sample is found."""
 
 DIFFERENT = 0.9
 """What two parts of an input differ by, against its size, from which on it does not repeat at all. The input of a loop
@@ -40,14 +47,9 @@ def facts(seen: Seen) -> list[Fact]:
             continue
         parts = parts[:, size > 0.0] / size[size > 0.0]
         off = difference(parts, claimed)
-        best, least = claimed, off
-        if off > 1e-9:
-            best, least = _best(parts, claimed)
-        wrong = best != claimed and least < BETTER * off
-        if wrong or off > DIFFERENT:
-            right = ": take the period out"
-            if wrong:
-                right = f"; after {best} it does, to {100.0 * least:.2f} %: say period = {best}"
+        better = _better(parts, claimed, off)
+        if better is not None or off > DIFFERENT:
+            right = ": take the period out" if better is None else better.words()
             found.append(
                 Fact(
                     "period",
@@ -55,9 +57,9 @@ def facts(seen: Seen) -> list[Fact]:
                     f"{right}",
                     "every frequency and every noise computed with it is wrong",
                     segment=segment.label,
-                    numbers={"claimed": claimed, "right": best if wrong else 0, "difference": off},
+                    numbers={"claimed": claimed, "right": 0 if better is None else better.whole, "difference": off},
                     forbids=True,
-                    refuses_import=wrong,
+                    refuses_import=better is not None,
                 )
             )
         elif claimed not in told:
@@ -74,7 +76,64 @@ def period_of(inputs: dict[str, Array]) -> int:
         return 0
     parts = np.stack([values / values.std() for values in moving.values()], axis=1)
     best, least = _best(parts, 0)
-    return best if best and least < REPEATS else 0
+    if not best or least >= REPEATS:
+        return 0
+    return 0 if _shift(parts, best, least) else best
+
+
+@dataclass(frozen=True)
+class _Better:
+    """The period of inputs that repeat far better than as claimed; `whole` is 0 where it is not a whole number.
+
+    After it they differ by `least`.
+    """
+
+    period: float
+    whole: int
+    least: float
+
+    def words(self) -> str:
+        """Return what to say instead of the claimed period."""
+        if not self.whole:
+            return f"; its period is {self.period:.2f} samples, not a whole number: take the period out"
+        return f"; after {self.whole} it does, to {100.0 * self.least:.2f} %: say period = {self.whole}"
+
+
+def _better(parts: Array, claimed: int, off: float) -> _Better | None:
+    """Return the period of inputs (n, k) that differ by `off` after the `claimed` one, None where that is right."""
+    if off <= SAME:
+        return None
+    best, least = _best(parts, claimed)
+    if best == claimed or least >= BETTER * off:
+        best, least = claimed, off
+    shift = _shift(parts, best, least)
+    return _Better(best + shift, 0 if shift else best, least) if shift or best != claimed else None
+
+
+def _shift(parts: Array, period: int, off: float) -> float:
+    """Return by which part of a sample inputs (n, k) shift from period to period, if they differ by `off` for that.
+
+    So does what a generator with a clock of its own plays. What periods differ by is taken for noise, and here it
+    would be the input itself.
+    """
+    if off <= SAME:
+        return 0.0
+    first = period if parts.shape[0] >= 3 * period else 0
+    a, b = parts[first:-period], parts[first + period :]
+    window = scipy.signal.windows.hann(a.shape[0])[:, np.newaxis]
+    one, other = scipy.fft.rfft(window * a, axis=0), scipy.fft.rfft(window * b, axis=0)
+    cross, energy = (np.conj(one) * other).sum(axis=1), 0.5 * (np.abs(one) ** 2 + np.abs(other) ** 2).sum(axis=1)
+    strongest = np.argsort(-energy)[:LINES]
+    cross, energy = cross[strongest], energy[strongest]
+    turn = 2j * np.pi * scipy.fft.rfftfreq(a.shape[0])[strongest]
+
+    def apart(shift: float) -> float:
+        """Return what the second part differs by, squared, from the first one a part of a sample later."""
+        return float(np.sum(energy - np.real(cross * np.exp(turn * shift))) / np.sum(energy))
+
+    near = min(np.linspace(-1.0, 1.0, 41), key=apart)
+    shift = scipy.optimize.minimize_scalar(apart, bounds=(near - 0.05, near + 0.05), method="bounded").x
+    return float(shift) if apart(shift) < BETTER**2 * apart(0.0) else 0.0
 
 
 def claimed_period(segment: LogSegment) -> int:

@@ -7,13 +7,14 @@ import pytest
 
 import campaigns.facts.finding
 from campaigns.facts import Fact, Seen, facts_of, found_in, measured_segments, usable_segments
+from campaigns.facts.period import period_of
 from campaigns.log import Channel, LogSegment, LogWriter, read_run
 from sim_backend.errors import DataError
 
 RATE_HZ = 500.0
 
 
-def multisine(period: int, rows: int, highest: int = 30, seed: int = 0) -> np.ndarray:
+def multisine(period: float, rows: int, highest: int = 30, seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
     phases = rng.uniform(0.0, 2.0 * np.pi, highest)
     t = np.arange(rows) / period
@@ -65,6 +66,33 @@ def test_a_measured_input_may_be_noisy_and_several_periods_are_one():
     for claimed in (500, 1000):
         (fact,) = of(seen(u, y, LogSegment("record", 0, u.size, {"period_samples": claimed})), "period")
         assert not fact.forbids
+
+
+@pytest.mark.parametrize("off", [0.004, 0.05, 0.3, -0.3])
+def test_a_period_of_another_clock_is_not_a_whole_number_of_samples(off):
+    u = multisine(500.0 + off, 3000, highest=100)
+    (fact,) = of(seen(u, u, LogSegment("record", 0, u.size, {"period_samples": 500})), "period")
+    assert fact.forbids and fact.refuses_import and fact.numbers["right"] == 0
+    assert f"its period is {500.0 + off:.2f} samples, not a whole number: take the period out" in fact.finding
+    assert period_of({"u": u}) == 0
+    (fact,) = of(seen(u, u, LogSegment("record", 0, u.size, {"period_samples": 490})), "period")
+    assert "not a whole number: take the period out" in fact.finding
+
+
+def test_several_periods_may_be_a_whole_number_of_samples_where_one_is_not():
+    u = multisine(1000.0 / 7.0, 3000, highest=20)
+    (fact,) = of(seen(u, u, LogSegment("record", 0, u.size, {"period_samples": 143})), "period")
+    assert fact.forbids and fact.numbers["right"] == 1000
+    assert "after 1000 it does, to 0.00 %: say period = 1000" in fact.finding
+    assert period_of({"u": u[:1900]}) == 0 and period_of({"u": u}) == 1000
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_shift_is_seen_in_the_noise_of_a_measured_input(seed):
+    u = multisine(500, 3000)
+    u = u + 0.01 * u.std() * np.random.default_rng(seed).standard_normal(u.size)
+    (fact,) = of(seen(u, u, LogSegment("record", 0, u.size, {"period_samples": 500})), "period")
+    assert not fact.forbids and period_of({"u": u}) == 500
 
 
 def test_what_repeats_after_nothing_is_forbidden_without_a_proposal():
