@@ -38,6 +38,10 @@ _OLDEST = 4
 _MOST = 0.5
 """Beyond this share those that arrive are the exception."""
 
+_DITHERED = 1.0
+"""Normal noise of so many steps before a rounding leaves of what its error has to do with the motion a part of
+exp(-2 π²), 3e-9 (Widrow and Kollár, Quantization Noise, 2008, chapter 5)."""
+
 _ROUNDS = 3
 """Late samples make the noise look wider than it is, and the noise decides which samples are late."""
 
@@ -110,9 +114,11 @@ class _Rows:
 
 def late_readings(setting: Setting, fit: Fit) -> list[Chance]:
     """Return every output of which some readings, at random, are those of a sample before."""
-    # readings in steps follow the motion in their error, whether their noise came before the steps or after them
+    # the error of steps follows the motion, unless noise that came before them hides it (a dither, `_DITHERED`)
     rounded = [c.where for c in fit.candidates if c.effect.whole and c.effect.site is Site.READING]
-    in_steps = {*lattices_of(setting.data, setting.places.outputs), *rounded}
+    innovations = {where: 1.0 / setting.whitener.taps[o, 0] for o, where in enumerate(setting.places.outputs)}
+    lattices = lattices_of(setting.data, setting.places.outputs).items()
+    in_steps = {*rounded, *(where for where, steps in lattices if innovations[where] < _DITHERED * steps.step)}
     found = (_late(setting, fit, o, w) for o, w in enumerate(setting.places.outputs) if w not in in_steps)
     return [one for one in found if one is not None]
 

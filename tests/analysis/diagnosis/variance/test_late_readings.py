@@ -49,7 +49,16 @@ def test_the_share_of_lost_samples_is_found_beneath_noise(share: float, noise: N
     assert np.std(off) < 2.0
 
 
-@pytest.mark.parametrize("tails", ["normal", "outliers"])
+def test_noise_that_hides_the_steps_of_a_reading_shows_lost_samples_beneath_both():
+    """Where the steps are larger than the noise, their error follows the motion, and nothing is said."""
+    rng = np.random.default_rng(70)
+    reading = reading_of(rng, 0.1)
+    (cause,) = found(0.9 * np.rint(reading / 0.9))
+    assert cause.evidence > ALARM and cause.effect.values()[0] == pytest.approx(0.1, abs=3.0 * cause.std["fraction"])
+    assert found(3.0 * np.rint(reading / 3.0)) == []
+
+
+@pytest.mark.parametrize("tails", ["normal", "outliers", "counts"])
 def test_nothing_is_late_in_sixty_records_of_noise_alone(tails: str) -> None:
     """Nor where one row in fifty stands out by five times the noise."""
     for seed in range(60):
@@ -57,6 +66,8 @@ def test_nothing_is_late_in_sixty_records_of_noise_alone(tails: str) -> None:
         reading = TRUE + rng.standard_normal(N)
         if tails == "outliers":
             reading += np.where(rng.random(N) < 0.02, 5.0 * rng.standard_normal(N), 0.0)
+        if tails == "counts":
+            reading = 0.9 * np.rint(reading / 0.9)
         assert all(c.evidence < ALARM for c in found(reading)), f"seed {seed}"
 
 
