@@ -70,13 +70,36 @@ def broadband(setting: Setting, fit: Fit) -> list[Chance]:
     return [_chance(setting, whittle, found, place)]
 
 
-def noise_evidence(setting: Setting, fit: Fit) -> float:
-    """Return the logarithm of the evidence of what does not repeat under the best floor, with or without a torque."""
+@dataclass(frozen=True)
+class NoiseEvidence:
+    """The logarithm of the evidence of what does not repeat: under the best `floor`, and what a torque's `band` adds.
+
+    `low_hz` to `high_hz` is where that band lies, nowhere if there is none.
+    """
+
+    floor: float = 0.0
+    band: float = 0.0
+    low_hz: float = 0.0
+    high_hz: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """The evidence with the band, if it has any."""
+        return self.floor + self.band
+
+
+def noise_evidence(setting: Setting, fit: Fit) -> NoiseEvidence:
+    """Return the evidence of what does not repeat under the best floor, with or without a torque."""
     _, whittle, found = _looked_for(setting, fit)
     if whittle is None:
-        return 0.0
+        return NoiseEvidence()
+    floor = _nothing(whittle)[0]
     # the noise of an amplifier may be the better one
-    return _nothing(whittle)[0] + (max(found.evidence + max(-found.lead, 0.0), 0.0) if found else 0.0)
+    evidence = found.evidence + max(-found.lead, 0.0) if found else 0.0
+    if found is None or evidence <= 0.0:
+        return NoiseEvidence(floor)
+    centre, width = found.band.centre_hz, found.band.width_hz
+    return NoiseEvidence(floor, evidence, centre - width, centre + width)
 
 
 def _looked_for(setting: Setting, fit: Fit) -> tuple[list[Series], Whittle | None, _Best | None]:

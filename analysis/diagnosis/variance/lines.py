@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from analysis.diagnosis.fitting.balance import score
 from analysis.diagnosis.fitting.discrepancy import discrepancy_of
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.fitting.refit import refit
@@ -31,14 +32,21 @@ def without_lines(found: Found) -> Found:
 def without_lines_of(setting: Setting, best: Fit) -> Fit:
     """Return a fit without its vibration lines, where random vibration explains the data as well.
 
-    Both are compared by the evidence of what does not repeat, the noise of either being free to have a band; a line
-    must exceed the price of its parameters and the margin for a named cause.
+    A line must exceed the price of its parameters and the margin for a named cause. Where no band is left about it, its
+    evidence is that of the samples, against that of a band in its stead. In a band, both are compared by the evidence
+    of the spectrum: one of its bins holds many frequencies, of which the line takes the strongest.
     """
     keep = [i for i, c in enumerate(best.candidates) if c.effect is not VibrationLine]
     if len(keep) == len(best.candidates):
         return best
     candidates, sizes = best.held(keep)
     rest = refit(setting, candidates, sizes, best.change, exact=True)
-    price = SURE_LEAD + best.occam - rest.occam
-    worth = noise_evidence(setting, best) - noise_evidence(setting, rest)
-    return best if worth > price or not math.isfinite(rest.misfit) else rest
+    if not math.isfinite(rest.misfit):
+        return best
+    beside, instead = noise_evidence(setting, best), noise_evidence(setting, rest)
+    lines = [e.frequency_hz for e in best.effects if isinstance(e, VibrationLine)]
+    if any(beside.low_hz <= f <= beside.high_hz for f in lines):
+        worth = beside.total - instead.total - (best.occam - rest.occam)
+    else:
+        worth = 0.5 * (score(rest, True) - score(best, True)) + beside.band - instead.band
+    return best if worth > SURE_LEAD else rest

@@ -19,12 +19,13 @@ from tests.analysis.diagnosis.residuals import RATE_HZ, moved, setting_of
 from tests.analysis.diagnosis.variance.test_broadband import N, _band, _noise
 
 
-def _found(shake: np.ndarray, frequency_hz: float) -> Found:
+def _found(shake: np.ndarray, frequency_hz: float, period: int = 0) -> Found:
     """Return the outcome of a search that took `shake` for a line, and fitted one at its best frequency nearby."""
     rng = np.random.default_rng(3)
-    force = np.repeat(rng.uniform(-1.0, 1.0, N // 400), 400)
+    force = np.repeat(rng.uniform(-1.0, 1.0, (period or N) // 400), 400)
+    force = np.tile(force, N // force.size)
     reading = moved(force) + _noise(rng) + moved(shake)
-    setting, _ = setting_of(force, reading, reading - moved(force), 0.012)
+    setting, _ = setting_of(force, reading, reading - moved(force), 0.012, period)
     starts = starts_of(setting.data, setting.nominal, setting.whitener)
     setting = replace(setting, starts=starts, states=(np.zeros((setting.nominal.n_blocks, 2)),))
     tuned = refit(setting, (), np.zeros(0), np.zeros(0))
@@ -47,10 +48,18 @@ def test_a_line_stays() -> None:
     assert without_lines(found).best is found.best
 
 
-def test_a_random_band_is_no_line() -> None:
+def test_a_line_stays_that_repeats_nearly_with_the_excitation() -> None:
+    """Of 30.01 Hz an eighth is in the difference of two periods of 12 s, in which alone a band would be seen."""
+    found = _found(0.002 * np.sin(2.0 * np.pi * 30.01 * np.arange(N) / RATE_HZ), 29.96, N // 2)
+    assert found.explained > 60.0
+    assert without_lines(found).best is found.best
+
+
+@pytest.mark.parametrize("period", [0, N // 2])
+def test_a_random_band_is_no_line(period: int) -> None:
     """A line fitted into the strongest part of a band explains a good deal, and yet it goes."""
     shake = 0.01 * _band(np.random.default_rng(4), 30.0, 6.0)
-    found = _found(shake, 30.0)
+    found = _found(shake, 30.0, period)
     assert found.explained > 50.0
     after = without_lines(found)
     assert after.best.candidates == ()
