@@ -204,12 +204,14 @@ def residuals_on(data: Dataset, setting: Setting, fit: Fit) -> tuple[Array, ...]
     """Return a fit's residuals (n, n_y) on all records of `data`.
 
     Of one that no fit has seen the state in which it begins is sought, and where it repeats, also as if it had been
-    played before: what depends on the level of the motion is then as it is in the steady state. Which of both it was
+    played before: what depends on the level of the motion is then as it is in the steady state. Where it follows
+    another, it may go on with that recording: what drifts, counts or remembers does not begin anew then. Which it was
     tells its first period.
     """
     known = {id(r.y): residual for r, residual in zip(setting.data.records, _begun_anew(setting, fit), strict=True)}
     for record in (r for r in data.records if id(r.y) not in known):
-        ways = {id(r): r for r in (record, record.led_in())}.values()
+        earlier = [r for r in data.records if record.follows(r) and any(e.site is not Site.MODEL for e in fit.effects)]
+        ways = {id(r): r for r in (record, record.led_in(), *map(record.going_on_from, earlier))}.values()
         left = [_left_begun(way, data, setting, fit) for way in ways]
         first = slice(0, record.period or record.n)
         known[id(record.y)] = min((e[-record.n :] for e in left), key=lambda e: float(np.sum(e[first] ** 2)))

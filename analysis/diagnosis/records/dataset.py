@@ -72,7 +72,7 @@ class Record:
 
     A fit multiplies the residuals of its samples by `weight`. In `missing` samples (n,) the readings are no
     measurement, as at the end of a sensor's range. Differences of readings below `finest` (n_y,) are rounding. The
-    outputs numbered in `free_zeros` count from an unknown zero.
+    outputs numbered in `free_zeros` count from an unknown zero. It begins with sample `first_row` of its log.
 
     Raises DataError when lengths differ or a number is not finite.
     """
@@ -86,6 +86,7 @@ class Record:
     missing: Mask | None = None
     finest: Array | None = None
     free_zeros: tuple[int, ...] = ()
+    first_row: int = 0
 
     def __post_init__(self) -> None:
         if self.u.shape[0] != self.y.shape[0]:
@@ -171,6 +172,24 @@ class Record:
             missing=None if self.missing is None else led(self.missing),
         )
 
+    def follows(self, earlier: Record) -> bool:
+        """Tell whether this record begins where `earlier` ends in the same log."""
+        return earlier.name == self.name and earlier.first_row + earlier.n == self.first_row
+
+    def going_on_from(self, earlier: Record) -> Record:
+        """Return `earlier` and this one as one recording."""
+        temperatures = [r.temperature_k for r in (earlier, self) if r.temperature_k is not None]
+        missing = [np.zeros(r.n, dtype=bool) if r.missing is None else r.missing for r in (earlier, self)]
+        shifted = (replace(w, start=w.start + earlier.n, stop=w.stop + earlier.n) for w in self.windows)
+        return replace(
+            earlier,
+            u=np.concatenate([earlier.u, self.u]),
+            y=np.concatenate([earlier.y, self.y]),
+            windows=(*earlier.windows, *shifted),
+            temperature_k=np.concatenate(temperatures) if len(temperatures) == 2 else None,
+            missing=np.concatenate(missing),
+        )
+
     def first(self, rows: int) -> Record:
         """Return a record of so many first samples."""
         windows = tuple(replace(w, stop=min(w.stop, rows)) for w in self.windows if w.start < rows)
@@ -186,6 +205,7 @@ class Record:
             windows=windows,
             temperature_k=None if self.temperature_k is None else self.temperature_k[rows],
             missing=None if self.missing is None else self.missing[rows],
+            first_row=self.first_row + start,
         )
 
     def only(self, outputs: NDArray[np.intp]) -> Record:

@@ -291,6 +291,7 @@ def _read(run: Run, match: Match, s: _Stretch, warm: bool) -> Record:
         np.ascontiguousarray(values[:, n_u : n_u + n_y]),
         windows,
         np.ascontiguousarray(values[:, -1]) if len(names) > n_u + n_y else None,
+        first_row=s.start,
     )
 
 

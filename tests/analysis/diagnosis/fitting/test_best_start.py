@@ -120,6 +120,35 @@ def test_what_is_rounded_sees_the_motion_by_commands_on_their_way(late: float) -
     assert np.mean(np.abs(left) > 0.5 * step) < 0.01
 
 
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_what_counts_goes_on_counting_where_an_unseen_record_is_of_the_same_recording(goes_on: bool) -> None:
+    """A counter that has lost a fringe has it lost in what is recorded after; one that was set to zero has not."""
+    cut, rows, noise = 900, 700, 1e-3
+    rng = np.random.default_rng(8)
+    force = np.repeat(rng.standard_normal((cut + rows) // 5), 5)
+    true = residuals.moved(force)
+    rate = np.gradient(true[:cut]) * residuals.RATE_HZ
+    counter = make_effect("fringe-jump", "x", {"fringe": 0.3, "rate_limit": 0.95 * float(np.abs(rate).max())})
+    setting, fit = residuals.setting_of(force[:cut], true[:cut], np.zeros(cut), noise)
+    places, transducers = setting.places, setting.transducers
+
+    def read(last: int) -> np.ndarray:
+        return replay(setting.nominal, [counter], places, transducers, force[:last, None], residuals.RATE_HZ).reading
+
+    y = read(cut + rows) + noise * rng.standard_normal((cut + rows, 1))
+    lost = y[cut - 1] - true[cut - 1]
+    assert abs(lost) == pytest.approx(0.3, abs=5.0 * noise)
+    if not goes_on:
+        y[cut:] -= 0.3 * np.sign(lost)
+    record = replace(setting.data.records[0], y=y[:cut])
+    unseen = Record("run", force[cut:, None], y[cut:], (Window("unseen", 0, rows, True),), first_row=cut)
+    data = replace(setting.data, records=(record, unseen))
+    setting = replace(setting, data=replace(data, records=(record,)))
+    fit = replace(fit, states=(np.zeros((1, 2)),), effects=(counter,), residuals=(y[:cut] - read(cut),))
+    left = residuals_on(data, setting, fit)[1][:, 0]
+    assert np.sum(left**2) < 1.2 * noise**2 * rows
+
+
 @pytest.mark.parametrize("late", [0.48, 1.0, 2.3])
 def test_an_unseen_record_of_a_late_drive_leaves_noise_from_its_first_row(late: float) -> None:
     """Commands on their way nearly take each other away: as large as may be, no simulation follows them."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,6 +63,19 @@ def test_what_precedes_a_record_keeps_its_missing_rows_in_their_places() -> None
         commanded.u[:4, 0].tolist() == [-1.0, -1.0, -1.0, 0.0]
         and commanded.fitted().tolist() == [False] * 3 + [True] * 8
     )
+
+
+def test_two_records_of_a_log_are_one_where_the_second_begins_with_the_sample_after_the_first():
+    whole = Record("r", np.arange(10.0)[:, None], np.arange(10.0)[:, None], (Window("all", 0, 10),), first_row=20)
+    first, second = whole.cut(0, 6, (Window("a", 0, 6),)), whole.cut(6, 10, (Window("b", 1, 4, True),))
+    second = replace(second, missing=np.arange(4) == 2)
+    assert second.follows(first) and not first.follows(second) and not second.follows(whole)
+    assert not replace(second, name="other").follows(first)
+    both = second.going_on_from(first)
+    np.testing.assert_array_equal(both.u, whole.u)
+    np.testing.assert_array_equal(both.y, whole.y)
+    assert both.windows == (Window("a", 0, 6), Window("b", 7, 10, True))
+    assert both.missing is not None and np.flatnonzero(both.missing).tolist() == [8] and both.temperature_k is None
 
 
 @pytest.mark.parametrize(("swing", "fades"), [(0.0, False), (3.0, False), (10.0, True)])
