@@ -97,17 +97,14 @@ def _from(path: Path, folder: Path) -> Path:
 def _table(source: Source, left: list[str]) -> tuple[list[Column], str, list[str]]:
     """Return the columns beside the clock, the lines of the map on the clock, and what is to be said about it."""
     columns = _columns(source, left)
+    why = f" ({'; '.join(_some(left))})" if left else ""
     if not columns:
-        told = "; ".join(_some(left))
-        raise DataError(
-            f"{source.path} holds no column of numbers that can be selected: write the map by hand"
-            + (f" ({told})" if told else "")
-        )
+        raise DataError(f"{source.path} holds no column of numbers that can be selected: write the map by hand{why}")
     clock, said = _clock(source, columns)
     others = [column for column in columns if column.role != "time"]
     if len(others) < 2:
         raise DataError(
-            f"{source.path} holds {len(others)} column(s) beside its clock; an input and an output are needed"
+            f"{source.path} holds {len(others)} column(s) beside its clock; an input and an output are needed{why}"
         )
     return others, clock, said
 
@@ -120,10 +117,12 @@ def _some(left: Sequence[str]) -> list[str]:
 def _columns(source: Source, left: list[str]) -> list[Column]:
     """Return every one-dimensional run of numbers of the commonest length; tells of those that are left out."""
     found: list[Column] = []
+    refused: dict[str, list[str]] = {}  # a line that is too short is an error of every column
     names = source.all_names() if isinstance(source, IsolatedSource) else source.names()
     for k, name in enumerate(names or [""]):
         if not name and names or names.count(name) > 1:
-            left.append(f"column {k + 1} is left out: it has no name of its own")
+            by_number = f': select = "[:, {k}]" takes it' if isinstance(source, TextSource) else ""
+            left.append(f"column {k + 1} is left out, which has no name of its own{by_number}")
             continue
         try:
             values = source.array(name)
@@ -131,12 +130,13 @@ def _columns(source: Source, left: list[str]) -> list[Column]:
             if isinstance(source, TextSource) and are_dates(source.first_cell(name) or ""):
                 found.append(Column(name, dates(source.cells(name) or [], name).after_s, "date", "time"))
             else:
-                left.append(f"'{name}' is left out: {error}")
+                refused.setdefault(str(error), []).append(f"'{name}'")
             continue
         if values is None or values.dtype.kind not in "fiub" or values.ndim > 2 or values.size < 2:
             left.append(f"'{name}' is left out: it is not a column of samples")
             continue
         found += _columns_of(source, name, values)
+    left += [f"{', '.join(own)} {'is' if len(own) == 1 else 'are'} left out: {error}" for error, own in refused.items()]
     sizes = [column.values.size for column in found]
     usual = max(set(sizes), key=lambda size: (sizes.count(size), size), default=0)
     left += [

@@ -238,3 +238,22 @@ def test_a_table_that_can_be_read_in_two_ways_is_proposed_with_its_doubt(tmp_pat
     import_run(tmp_path / "map.toml", tmp_path / "a.log.h5")
     with read_run(tmp_path / "a.log.h5") as run:
         assert [run.read(name)[0] for name in run.channels] == [float(cell) for cell in rows.split("\n")[0].split(",")]
+
+
+def test_what_is_left_out_is_told_where_nothing_can_be_proposed(tmp_path):
+    """With file, line and cell, once for all columns that one line breaks, and how to take columns of one name."""
+    lines = [f"{k / 1000},{k % 7},{k % 5}" for k in range(40)]
+    broken = [*lines[:10], "0.010,1", *lines[11:]]
+    with pytest.raises(DataError, match=r"'t', 'u', 'y' are left out: .*line 12 has 2 cells") as told:
+        guess([written(tmp_path, "short.csv", ["t,u,y", *broken])], tmp_path)
+    assert str(told.value).count("line 12") == 1
+    bad = [*lines[:10], "0.010,1,#N/A", *lines[11:]]
+    with pytest.raises(DataError, match=r"'y' is left out: .*line 12: column 'y' holds '#N/A'"):
+        guess([written(tmp_path, "bad.csv", ["t,u,y", *bad])], tmp_path)
+    with pytest.raises(DataError, match=r'no name of its own: select = "\[:, 2\]" takes it'):
+        guess([written(tmp_path, "twice.csv", ["t,y,y", *lines])], tmp_path)
+
+
+def written(folder: Path, name: str, lines: list[str]) -> Path:
+    (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return folder / name
