@@ -26,6 +26,10 @@ LEAVES = 2.0
 never explains half."""
 
 
+_MEETING, _APART = 0.1, (10.0, 30.0)
+"""Difference of the damping ratio from one below which two poles meet, and ratios at which they begin anew."""
+
+
 ALIKE = 0.5
 """Cosine between the residues of two modes in one place from which on they may be one: of two axes it is near zero."""
 
@@ -103,6 +107,9 @@ def without_undetermined(
 
     while fit.model.n_blocks > orders[0] and np.min(known := measure(fit)) < SIGNIFICANT:
         i = int(np.argmin(known))
+        if (apart := _apart(fit, i, again, measure)) is not None:
+            fit = apart
+            continue
         rest = fit.model.only(np.arange(known.size) != i)
         fewer = min((again(rest.n_blocks, start) for start in ([None, rest] if anew else [rest])), key=worth)
         if _needed(fit, fewer):
@@ -110,6 +117,29 @@ def without_undetermined(
         dropped.append(dropped_from(fit, i, fewer, UNDETERMINED))
         fit = fewer
     return replace(fit, dropped=tuple(dropped))
+
+
+def _apart(
+    fit: _AnyFit,
+    i: int,
+    again: Callable[[int, ModalModel | None], _AnyFit],
+    measure: Callable[[TimeFit | RationalFit], Array],
+) -> _AnyFit | None:
+    """Return a fit as good in which block `i` is a lag that is known, None where it is no lag or there is none.
+
+    A lag is one pole of a block, a zero cancels the other one wherever that lies. Where both meet, neither is known.
+    """
+    omega, sigma = fit.model.omega_rad_s.copy(), fit.model.sigma_1_s.copy()
+    if not abs(sigma[i] - omega[i]) < _MEETING * omega[i]:
+        return None
+    pole = sigma[i] - np.sqrt(max(sigma[i] ** 2 - omega[i] ** 2, 0.0))
+    fits = []
+    for times in _APART:
+        omega[i], sigma[i] = pole * np.sqrt(times), 0.5 * pole * (1.0 + times)
+        fits.append(again(omega.size, fit.model.with_(omega_rad_s=omega, sigma_1_s=sigma)))
+    best = min(fits, key=lambda one: (int(np.sum(measure(one) < SIGNIFICANT)), one.criterion))
+    fewer = np.sum(measure(best) < SIGNIFICANT) < np.sum(measure(fit) < SIGNIFICANT)
+    return best if fewer and best.criterion < fit.criterion + np.log(fit.dof) else None
 
 
 def dropped_from(fit: _AnyFit, i: int, fewer: _AnyFit | None, why: str) -> Dropped:

@@ -40,11 +40,19 @@ def _undetermined(model: ModalModel, std: ModalModel) -> Iterator[str]:
         ]
         if not doubtful:
             continue
-        overdamped = model.omega_rad_s[i] > 0.0 and model.sigma_1_s[i] > model.omega_rad_s[i]
         yield (
             f"{name_of(model, i)} is not determined by the data: {', '.join(doubtful)}, below {SIGNIFICANT:g} standard "
-            f"deviations{'; it is overdamped, and one of its two poles may be known' if overdamped else ''}"
+            f"deviations{_as_poles(model.omega_rad_s[i], model.sigma_1_s[i])}"
         )
+
+
+def _as_poles(omega: float, sigma: float) -> str:
+    """Return in words what an overdamped block is, nothing for one that swings."""
+    if not 0.0 < omega < sigma:
+        return ""
+    fast = sigma + np.sqrt(sigma**2 - omega**2)
+    slow, fast = (pole / (2.0 * np.pi) for pole in (omega**2 / fast, fast))
+    return f"; it is overdamped, with poles at {slow:.3g} and {fast:.3g} Hz, one of which may be known"
 
 
 def _in_one_place(model: ModalModel) -> Iterator[str]:

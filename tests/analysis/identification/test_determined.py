@@ -7,7 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from analysis.identification.determined import SIGNIFICANT, determinedness, swinging, without_undetermined
+from analysis.identification.modal_parameters import Structure
 from analysis.identification.timefit import TimeFit, fit_records
+from benchmarks.peers_plants import KINDS, drawn
+from sim_backend.linear import ModalModel
 from tests.end_to_end.linear_bench import mode_and_lag, oscillator, played
 
 Array = NDArray[np.float64]
@@ -46,6 +49,24 @@ def test_a_mode_behind_a_lag_keeps_both() -> None:
     poles = np.sort_complex(fit.model.poles_1_s().ravel())
     assert np.min(np.abs(poles + 1.0 / 0.3)) < 0.1
     assert np.min(np.abs(poles - np.roots([1.0, 2.0 * 0.15 * 2.0 * np.pi * 1.4, (2.0 * np.pi * 1.4) ** 2])[0])) < 0.05
+
+
+def test_a_lag_whose_two_poles_have_met_begins_anew_with_one_far_away() -> None:
+    """Where both poles of a block meet neither is known: this mode had lost its amplifier's to a delay."""
+    (kind,) = (one for one in KINDS if one.name == "one mode, amplifier pole")
+    record = drawn(kind, 90311)
+    u, y = [record.inputs[: record.fitted]], [record.outputs[: record.fitted]]
+
+    def again(n: int, start: ModalModel | None) -> TimeFit:
+        return fit_records(u, y, record.rate_hz, n, structure=Structure(feedthrough=True), start=start)
+
+    met = again(2, None)
+    double = np.array([2.0 * np.pi * 6.116, 2.0 * np.pi * 30.7])
+    met = again(2, met.model.with_(omega_rad_s=double, sigma_1_s=double * np.array([0.0448, 1.004])))
+    assert np.min(determinedness(met)) < SIGNIFICANT
+    fit = without_undetermined(met, (1, 2), again)
+    assert fit.model.n_blocks == 2 and np.min(determinedness(fit)) > SIGNIFICANT and fit.dropped == ()
+    assert np.min(np.abs(fit.model.poles_1_s() + 164.7)) < 5.0
 
 
 def test_a_mode_that_is_not_there_is_not_known() -> None:
