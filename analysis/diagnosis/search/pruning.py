@@ -45,22 +45,25 @@ def lead_of(setting: Setting, fit: Fit, other: Fit) -> float:
 def pruned(setting: Setting, best: Fit, tuned: Fit, price: float) -> tuple[Fit, list[Fit]]:
     """Return `best` without any effect that its score does not need by `price`, and the fits tried on the way.
 
-    The last one too has to be worth its price in the noise in which all are compared at the end. Where nothing repeats
-    there is no such noise, but an effect is kept only if it cannot be an effect of noise.
+    The last one too has to be worth its price at the end, as its noise and its steps are known by then. Where nothing
+    repeats each fit has a noise of its own, that of the `tuned` nominal model among them, and an effect is kept only if
+    it cannot be an effect of noise.
     """
     tried: list[Fit] = []
     known = setting.whitener.repeats
     nominal = again(setting, tuned) if best.candidates else tuned
     while best.candidates:
         numbers = range(len(best.candidates))
-        unsure = [i for i in numbers if not is_seen(best, i)]
-        if len(numbers) == 1 and not (known or unsure):
-            break
-        smaller = [alone(setting, best, nominal, [k for k in numbers if k != i]) for i in numbers]
-        unsure = [i for i in unsure if not _seen_together(best, smaller[i], i)]
-        tried += smaller
-        if len(numbers) == 1 and not (known or unsure):
-            break
+        unsure, single = [i for i in numbers if not is_seen(best, i)], len(numbers) == 1 and not known
+        if unsure or not single:
+            smaller = [alone(setting, best, nominal, [k for k in numbers if k != i]) for i in numbers]
+            unsure = [i for i in unsure if not _seen_together(best, smaller[i], i)]
+            tried += smaller
+        if single and not unsure:
+            if score(tuned, known) - score(best, known) > price:
+                break
+            best = tuned
+            continue
         if unsure:  # its gain is that of the numbers adjusted beside it
             best = smaller[unsure[0]]
             continue
