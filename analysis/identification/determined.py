@@ -125,7 +125,7 @@ def _apart(
     again: Callable[[int, ModalModel | None], _AnyFit],
     measure: Callable[[TimeFit | RationalFit], Array],
 ) -> _AnyFit | None:
-    """Return a fit as good in which block `i` is a lag that is known, None where it is not at a lag or there is none.
+    """Return a fit as good in which block `i` is a lag that is known, None where it is not a lag or there is none.
 
     A lag is one pole of a block, a zero cancels the other one wherever that lies. Where both meet, neither is known.
     """
