@@ -224,7 +224,8 @@ def _require_within(path: Path, what: str, column: Array, wrong: Any, values: di
 
 
 def _role(name: str) -> str | None:
-    return next((role for role, pattern in _COLUMNS.items() if pattern.search(name)), None)
+    words = name.replace("_", " ")  # as in `f_Hz`
+    return next((role for role, pattern in _COLUMNS.items() if pattern.search(words)), None)
 
 
 def _numbers(source: Source, name: str) -> Array:

@@ -34,6 +34,7 @@ _SAMPLE_LINES = 400
 MAX_LINE_CHARS = 2**20
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 _BRACKETED = re.compile(r"[\[(<].*[\])>]")
+_NAME_AND_UNIT = re.compile(r"\S+(?: [\[(<][^\])>]*[\])>])?")
 
 
 @dataclass(frozen=True)
@@ -263,7 +264,7 @@ def _head(
     header: bool | None,
 ) -> tuple[tuple[str, ...], tuple[str, ...], int]:
     """Return names, units and the number of the first line of data, of which the first may be names."""
-    above = [_bare(lines[k], separator) for k in range(first) if lines[k].strip()]
+    above = [_bare(lines[k], separator, columns) for k in range(first) if lines[k].strip()]
     remarks = [is_remark(lines[k]) for k in range(first) if lines[k].strip()]
     data = [list(row[:columns]) for row in rows[first : first + 50] if len(row) >= columns]
     # where names can be the first row alone: a title above it has other cells than it
@@ -310,14 +311,22 @@ def _without_end(cells: list[str], columns: int) -> list[str]:
     return cells[:-1] if len(cells) == columns + 1 and not cells[-1] else cells
 
 
-def _bare(line: str, separator: str) -> list[str]:
-    """Return the cells of a line above the data, without the sign of a remark."""
+def _bare(line: str, separator: str, columns: int = 0) -> list[str]:
+    """Return the cells of a line above the data, without the sign of a remark.
+
+    Blanks separate names and are part of them, as in `time (s)   torque (N m)`. Where they make another number of cells
+    than the data have, and wider gaps or brackets make as many, those are the names.
+    """
     text = line.strip(" ")
     for sign in COMMENT:
         if text.startswith(sign):
             text = text.lstrip(sign).strip(" ")
             break
-    return cells_of(text, separator)
+    cells = cells_of(text, separator)
+    if separator == " " and 1 < columns < len(cells):
+        ways = (re.split(r"\s{2,}|\t", text), re.findall(_NAME_AND_UNIT, text))
+        cells = next((way for way in ways if len(way) == columns), cells)
+    return cells
 
 
 def _are_units(cells: Sequence[str]) -> bool:
