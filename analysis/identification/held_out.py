@@ -9,11 +9,11 @@ import numpy as np
 
 from analysis.identification.identified import HeldOut
 from analysis.identification.validation import relative_error
-from analysis.linear.simulate import periodic_response, simulate_linear
+from analysis.linear.simulate import periodic_response, played, simulate_linear
 from analysis.recorded.folded import windowed
 from campaigns.log import LogSegment, Run
 from sim_backend.intersample import steps_for
-from sim_backend.linear import Array, DiscreteModel, ModalModel, delay_taps, discretise
+from sim_backend.linear import Array, DiscreteModel, ModalModel, delay_taps
 from sim_backend.model import Intersample
 
 START_ROWS = 20_000
@@ -35,7 +35,7 @@ def tried(
     once, the middle is tried.
     """
     free = bool(np.any(model.omega_rad_s == 0.0))
-    discrete, results = discretise(model, rate_hz), []
+    discrete, results = played(model, rate_hz), []
     for run, segment in windowed(parts):
         if not segment.held_out:
             continue
@@ -43,16 +43,16 @@ def tried(
         if period:
             segment = replace(segment, start=max(segment.stop - period, segment.start))
         u, y = channels_of(run, segment, "input"), channels_of(run, segment, "output")
-        played = steps_for(u, period=period) if intersample == "band-limited" else u
+        steps = steps_for(u, period=period) if intersample == "band-limited" else u
         if period:
             frequency = np.arange(period // 2 + 1) * rate_hz / period
-            modelled = periodic_response(model.frequency_response(frequency, rate_hz), played)
+            modelled = periodic_response(model.frequency_response(frequency, rate_hz), steps)
             modelled = modelled - modelled.mean(axis=0) + y.mean(axis=0)  # multisines have no line at 0 Hz
             modelled = modelled + _swing(discrete, y - modelled)
         else:
             skip = _unknown_rows(discrete, y.shape[0])
-            start = _start_of(discrete, played, y - offset, skip)
-            modelled = simulate_linear(discrete, played, start)[skip:] + offset
+            start = _start_of(discrete, steps, y - offset, skip)
+            modelled = simulate_linear(discrete, steps, start)[skip:] + offset
             y = y[skip:]
         error = relative_error(y, modelled)
         results.append(
@@ -71,7 +71,7 @@ def error_of_free_run(model: ModalModel, u: Array, y: Array, rate_hz: float) -> 
 
     Shapes (n, n_u) and (n, n_y), `y` without what it reads at rest.
     """
-    discrete = discretise(model, rate_hz)
+    discrete = played(model, rate_hz)
     modelled = simulate_linear(discrete, u, _start_of(discrete, u, y, 0))
     return float(np.sum(((modelled - y) / y.std(axis=0)) ** 2))
 

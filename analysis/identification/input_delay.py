@@ -84,8 +84,10 @@ def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], 
         return fit  # nothing determines a delay
     reference = _again(freed(inputs, outputs, known, unknown), rate_hz, fit.structure, bare)
     found = []
+    simple = replace(fit.structure, form="mechanical", feedthrough=False)
     for base in bases:
         found += _free_delays(bare, base, inputs, outputs, rate_hz, fit.structure, unknown)
+        found += _free_delays(mechanical(bare), base, inputs, outputs, rate_hz, simple, unknown)
         if fit.structure.feedthrough:
             next_one = freed(inputs, outputs, base + 1, unknown)
             starts = [bare] if bare.n_blocks == 1 else [bare, _slower(bare)]
@@ -145,6 +147,13 @@ def _free_delays(
         if start.n_blocks == 1 or worse == _PATIENCE:
             return found
         start = _slower(late.model.with_(delay_s=late.model.delay_s - earlier / rate_hz))
+
+
+def mechanical(model: ModalModel) -> ModalModel:
+    """Return a model whose blocks are masses on springs and no more: what else it has may imitate a delay."""
+    return model.with_(
+        b_direct=np.zeros_like(model.b_direct), c_rate=np.zeros_like(model.c_rate), d=np.zeros_like(model.d)
+    )
 
 
 def _slower(model: ModalModel) -> ModalModel:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from analysis.identification.block_basis import block_matrices
+from analysis.identification.block_basis import BlockMatrices, block_matrices
 from analysis.identification.modal_parameters import Layout, participation, unpack
 from analysis.identification.normal_equations import Normal
-from analysis.linear.simulate import delayed, simulate_linear, weighted
+from analysis.linear.simulate import delayed, played, simulate_linear, weighted
 from sim_backend.jit import njit
-from sim_backend.linear import Array, ModalModel, delay_taps, discretise
+from sim_backend.linear import Array, ModalModel, discretise
 
 # samples per pass: the Jacobian of one output over this many samples stays small enough for the cache
 _CHUNK = 2048
@@ -57,20 +57,24 @@ def nuisances(layout: Layout, records: int) -> list[Nuisance]:
 
 
 @njit
-def _block_signals(a: Array, b: Array, da: Array, db: Array, u: Array, state: Array, out: Array) -> None:
+def _block_signals(
+    a: Array, b: Array, da: Array, db: Array, late: Array, dlate: Array, u: Array, state: Array, out: Array
+) -> None:
     """Step every block for every input with both sensitivities, `state` and `out` (m, n_u + 2, 6, …).
 
     The six are q, v and their derivatives to ln(omega) and ln(sigma). The last two inputs are zero: they carry the free
-    responses to a unit initial position and rate.
+    responses to a unit initial position and rate. `u` (n_u, 1 + n) begins with the sample before the first: of `b` (m,
+    2) and its derivatives `db` (2, m, 2) the older of two samples drives the part `late` (n_u, m, 2), `dlate`.
     """
-    m, n_in, n = a.shape[0], state.shape[1], u.shape[1]
+    m, n_in, n = a.shape[0], state.shape[1], out.shape[3]
     for i in range(m):
         for j in range(n_in):
             q, v = state[i, j, 0], state[i, j, 1]
             qo, vo, qs, vs = state[i, j, 2], state[i, j, 3], state[i, j, 4], state[i, j, 5]
             driven = j < u.shape[0]
+            split = driven and (late[j, i, 0] != 0.0 or late[j, i, 1] != 0.0)
             for k in range(n):
-                drive = u[j, k] if driven else 0.0
+                drive = u[j, k + 1] if driven else 0.0
                 out[i, j, 0, k], out[i, j, 1, k] = q, v
                 out[i, j, 2, k], out[i, j, 3, k] = qo, vo
                 out[i, j, 4, k], out[i, j, 5, k] = qs, vs
@@ -80,6 +84,11 @@ def _block_signals(a: Array, b: Array, da: Array, db: Array, u: Array, state: Ar
                 nvs = a[i, 1, 0] * qs + a[i, 1, 1] * vs + da[1, i, 1, 0] * q + da[1, i, 1, 1] * v + db[1, i, 1] * drive
                 nq = a[i, 0, 0] * q + a[i, 0, 1] * v + b[i, 0] * drive
                 nv = a[i, 1, 0] * q + a[i, 1, 1] * v + b[i, 1] * drive
+                if split:
+                    more = u[j, k] - drive
+                    nq, nv = nq + late[j, i, 0] * more, nv + late[j, i, 1] * more
+                    nqo, nvo = nqo + dlate[j, 0, i, 0] * more, nvo + dlate[j, 0, i, 1] * more
+                    nqs, nvs = nqs + dlate[j, 1, i, 0] * more, nvs + dlate[j, 1, i, 1] * more
                 q, v, qo, vo, qs, vs = nq, nv, nqo, nvo, nqs, nvs
             state[i, j, 0], state[i, j, 1] = q, v
             state[i, j, 2], state[i, j, 3], state[i, j, 4], state[i, j, 5] = qo, vo, qs, vs
@@ -87,7 +96,7 @@ def _block_signals(a: Array, b: Array, da: Array, db: Array, u: Array, state: Ar
 
 def model_outputs(target: TimeTarget, vector: Array, layout: Layout) -> list[Array]:
     """Return the model's output (n, n_y) for every record, initial states and offsets included."""
-    discrete = discretise(unpack(vector, layout), target.rate_hz)
+    discrete = played(unpack(vector, layout), target.rate_hz)
     places = nuisances(layout, len(target.inputs))
     return [
         simulate_linear(discrete, u, vector[place.state]) + vector[place.offset]
@@ -128,9 +137,13 @@ def _products(
     """
     model = unpack(vector, layout)
     matrices = block_matrices(model.omega_rad_s, model.sigma_1_s, target.rate_hz)
-    u = np.ascontiguousarray(delayed(target.inputs[record], model.delay_s * target.rate_hz).T)
+    late, dlate = _older(model, matrices, target.rate_hz)
+    whole = np.floor(model.delay_s * target.rate_hz)
+    u = delayed(target.inputs[record], whole).T
+    u = np.ascontiguousarray(np.concatenate([np.zeros((u.shape[0], 1)), u], axis=1))
+    instant = np.where((model.delay_s * target.rate_hz > whole)[:, None], u[:, :-1], u[:, 1:])
     slopes = _delay_slopes(target, record, model, layout)
-    m, n_u, n = layout.n_blocks, layout.n_inputs, u.shape[1]
+    m, n_u, n = layout.n_blocks, layout.n_inputs, instant.shape[1]
     weights = [_weights(model, vector[place.state], o) for o in range(layout.n_outputs)]
     k, skip, chunk = m * weights[0].shape[1] + 2 * n_u + 2, target.whitening.shape[1] - 1, min(_CHUNK, n)
     # before its first sample a record has no samples; the first `skip` of a chunk are the last of the one before
@@ -142,12 +155,12 @@ def _products(
         part = slice(start, min(start + chunk, n))
         size = part.stop - start
         signals = room[: state.size * size].reshape(*state.shape, size)
-        drive = np.ascontiguousarray(u[:, part])
-        _block_signals(matrices.a, matrices.b, matrices.da, matrices.db, drive, state, signals)
+        drive = np.ascontiguousarray(u[:, start : part.stop + 1])
+        _block_signals(matrices.a, matrices.b, matrices.da, matrices.db, late, dlate, drive, state, signals)
         for o in range(layout.n_outputs):
             own = rows[o, :, : skip + size]
             own[:, :skip] = rows[o, :, chunk:]
-            _fill(own[:, skip:], weights[o], signals, drive, slopes[:, o, part], error[part, o])
+            _fill(own[:, skip:], weights[o], signals, instant[:, part], slopes[:, o, part], error[part, o])
             _filtered(target.whitening[o], own, white[:, :size])
             known = white[:, max(skip - start, 0) : size]
             products[o] += known @ known.T
@@ -168,18 +181,36 @@ def _filtered(taps: Array, rows: Array, out: Array) -> None:
                 now[i] += weight * past[i]
 
 
+def _older(model: ModalModel, matrices: BlockMatrices, rate_hz: float) -> tuple[Array, Array]:
+    """Return what the older of two held samples drives of every block, (n_u, m, 2), with derivatives (n_u, 2, m, 2).
+
+    A delay of parts of a sample lets it act for the first part of the next one. The derivatives are to ln(omega) and
+    ln(sigma); all are zero where a delay is a whole number of samples.
+    """
+    late = np.zeros((model.n_inputs, *matrices.b.shape))
+    dlate = np.zeros((model.n_inputs, *matrices.db.shape))
+    for j, part in enumerate(np.mod(model.delay_s * rate_hz, 1.0)):
+        if part > 0.0:
+            newer = block_matrices(model.omega_rad_s, model.sigma_1_s, rate_hz / (1.0 - part))
+            late[j], dlate[j] = matrices.b - newer.b, matrices.db - newer.db
+    return late, dlate
+
+
 def _delay_slopes(target: TimeTarget, record: int, model: ModalModel, layout: Layout) -> Array:
     """Return the derivative of each output to each input's delay, (n_u, n_y, n), zero rows when delays are fixed."""
     n_u, n_y, n = layout.n_inputs, layout.n_outputs, target.inputs[record].shape[0]
     slopes = np.zeros((n_u, n_y, n))
     free = layout.free[layout.index("delay_s")]
     if np.any(free):
-        bare = discretise(model.with_(delay_s=np.zeros(n_u)), target.rate_hz)
+        bare = discretise(model.with_(delay_s=np.zeros(n_u), d=np.zeros_like(model.d)), target.rate_hz)
+        into = np.stack([model.b_direct, model.b], axis=1)
         for j in np.flatnonzero(free):
-            taps = delay_taps(float(model.delay_s[j] * target.rate_hz))
-            only = np.zeros((n, n_u))
-            only[:, j] = target.rate_hz * weighted(target.inputs[record][:, j], taps.first, taps.slopes)
-            slopes[j] = simulate_linear(bare, only).T
+            whole, part = divmod(float(model.delay_s[j] * target.rate_hz), 1.0)
+            # the older sample acts longer, the newer one begins later: what that moves coasts to the next sample
+            rest = block_matrices(model.omega_rad_s, model.sigma_1_s, target.rate_hz / max(1.0 - part, 1e-12)).a
+            older = weighted(target.inputs[record][:, j], int(whole), np.array([-1.0, 1.0]))
+            alone = replace(bare, b=rest @ into[:, :, [j]], d=bare.d[:, [j]], delay_samples=np.zeros(1))
+            slopes[j] = simulate_linear(alone, older[:, None]).T
     return slopes
 
 

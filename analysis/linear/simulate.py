@@ -7,13 +7,15 @@ linear.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from sim_backend.errors import ConfigError
 from sim_backend.jit import njit
-from sim_backend.linear import Array, DiscreteModel, delay_taps
+from sim_backend.linear import Array, DiscreteModel, ModalModel, delay_taps, discretise, late_within_samples
 
 # a pass takes a few samples of many stretches at a time, so that these stay in the processor's nearest caches; a
 # length of a power of two would put all stretches into the same few addresses of a cache
@@ -53,6 +55,35 @@ def delayed(u: Array, delay_samples: Array) -> Array:
         taps = delay_taps(float(delay))
         out[:, j] = weighted(u[:, j], taps.first, taps.weights)
     return out
+
+
+def played(linear: ModalModel, rate_hz: float) -> DiscreteModel:
+    """Return `linear` at one rate, behind held inputs, with delays of parts of a sample exact."""
+    return discretise(linear, rate_hz, split=late_within_samples(linear, rate_hz))
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What drives a model: `forces` (n, k), and how they enter its states, `b` (m, 2, k), and outputs, `d` (n_y, k)."""
+
+    forces: Array
+    b: Array
+    d: Array
+
+
+def driven_by(model: DiscreteModel, u: Array) -> Driven:
+    """Return what commands `u` (n, n_u) drive a model by after its delays.
+
+    Where these are split, every command drives it twice: by the sample that comes in, and by the one before it.
+    """
+    late = model.delay_samples
+    if model.late is None:
+        return Driven(delayed(u, late), model.b, model.d)
+    whole = np.floor(late)
+    forces = np.concatenate([delayed(u, whole), delayed(u, whole + 1.0)], axis=1)
+    newer = np.where(late > whole, 0.0, model.d)  # within a sample its first instant counts
+    b = np.concatenate([model.b - model.late, model.late], axis=2)
+    return Driven(forces, b, np.concatenate([newer, model.d - newer], axis=1))
 
 
 @njit(fastmath={"contract"})
@@ -211,12 +242,13 @@ def simulate_linear(model: DiscreteModel, u: Array, x0: Array | None = None) -> 
         raise ConfigError(f"initial state has shape {x0.shape}; the model needs ({m}, 2)")
     state = np.zeros((m, 2)) if x0 is None else np.array(x0, dtype=float)
     out = np.empty((u.shape[0], model.c.shape[0]))
-    drive = np.ascontiguousarray(delayed(np.asarray(u, dtype=float), model.delay_samples))
+    driven = driven_by(model, np.asarray(u, dtype=float))
     stretch = max(min(_STRETCH, -(-u.shape[0] // _LANES)), 1)
     c = np.ascontiguousarray(model.c.swapaxes(0, 1))
     seen = np.any(c != 0.0, axis=(1, 2))
-    a, b = model.a[seen], model.b[seen]
-    _respond(a, np.linalg.matrix_power(a, stretch), stretch, b, c[seen], model.d, drive, state[seen], out)
+    a, b = model.a[seen], driven.b[seen]
+    drive = np.ascontiguousarray(driven.forces)
+    _respond(a, np.linalg.matrix_power(a, stretch), stretch, b, c[seen], driven.d, drive, state[seen], out)
     return out
 
 

@@ -12,7 +12,8 @@ import h5py
 import numpy as np
 import pytest
 
-from analysis.diagnosis.nominal.responses import played, simulate
+from analysis.diagnosis.nominal.responses import simulate
+from analysis.linear.simulate import played
 from campaigns.log import Channel, LogWriter
 from mccdcli.main import main
 from sim_backend.model import Mode, Model, Port, dump_model

@@ -17,9 +17,10 @@ from analysis.diagnosis.answer.explore import noise_density
 from analysis.diagnosis.answer.figures import AFTER, MEASURED, SWINGS, WIDE, Drawn, swing_rows
 from analysis.diagnosis.evidence.bins import rate_of
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.nominal.responses import played, simulate
+from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.records.dataset import Window
 from analysis.diagnosis.result import Diagnosis
+from analysis.linear.simulate import played
 from analysis.pages.canvas import Canvas
 from analysis.pages.quantities import scaled, share
 from sim_backend.axis_names import axis_text, with_axes

@@ -20,9 +20,10 @@ import numpy as np
 import scipy
 
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.nominal.responses import coasting, no_columns, played, response, simulate, stacked
+from analysis.diagnosis.nominal.responses import coasting, no_columns, response, simulate, stacked
 from analysis.diagnosis.records.dataset import Record
 from analysis.diagnosis.side_by_side import side_by_side
+from analysis.linear.simulate import played
 from sim_backend import kernel, layout
 from sim_backend.assembly import Places
 from sim_backend.effects.base import Aux, Effect, Site

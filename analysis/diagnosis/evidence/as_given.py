@@ -7,8 +7,9 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from analysis.diagnosis.fitting.fit import steps_of
-from analysis.diagnosis.nominal.responses import played, simulate
+from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.records.dataset import Dataset, Record
+from analysis.linear.simulate import played
 from sim_backend.assembly import places_of, retuned, stated, transducers_of
 from sim_backend.effects.base import Site
 from sim_backend.effects.sensor_offset import SensorOffset

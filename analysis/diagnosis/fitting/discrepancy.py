@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from analysis.diagnosis.fitting.balance import squares_of
 from analysis.diagnosis.fitting.fit import Fit, Setting, left_by, linear_of
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.nominal.responses import played, response
+from analysis.diagnosis.nominal.responses import response
 from analysis.diagnosis.nominal.tuning import turned
 from analysis.diagnosis.records.dataset import Record
+from analysis.linear.simulate import played
 from campaigns.facts.base import stretches_of
 from sim_backend.effects.base import Effect
 from sim_backend.linear import Array, DiscreteModel, ModalModel

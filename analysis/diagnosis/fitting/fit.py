@@ -14,10 +14,11 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.phases import in_phase
 from analysis.diagnosis.fitting.starts import Start, beside_states, left_by_best_start, stack_white, without_starts
 from analysis.diagnosis.noise.whitener import Bands, Whitener
-from analysis.diagnosis.nominal.responses import free_responses, played, waiting_at
+from analysis.diagnosis.nominal.responses import free_responses, waiting_at
 from analysis.diagnosis.nominal.tuning import Nuisance, turned
 from analysis.diagnosis.records.dataset import Dataset, Record
 from analysis.diagnosis.side_by_side import side_by_side
+from analysis.linear.simulate import played
 from sim_backend import layout
 from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import UNKNOWN_RUN, Effect, Site

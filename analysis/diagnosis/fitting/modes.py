@@ -20,8 +20,9 @@ import scipy
 from numpy.typing import NDArray
 
 from analysis.diagnosis.fitting.fit import Fit, Setting
-from analysis.diagnosis.nominal.responses import contrast, driven_by, free_responses, played
+from analysis.diagnosis.nominal.responses import contrast, free_responses
 from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, Nuisance, change_to, mahalanobis2_of, mode_alone, turned
+from analysis.linear.simulate import driven_by, played
 from sim_backend.linear import Array, DiscreteModel, ModalModel
 
 _REACH = 3.0

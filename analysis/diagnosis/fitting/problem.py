@@ -20,9 +20,10 @@ from analysis.diagnosis.candidates.signature import Candidate
 from analysis.diagnosis.fitting.descent import Descent, Slopes, approached, inverse_of, sharpened
 from analysis.diagnosis.fitting.fit import Fit, Setting, case_of, residuals_of, simulated_together
 from analysis.diagnosis.fitting.starts import Start, stack_white
-from analysis.diagnosis.nominal.responses import coasting, played, simulate
+from analysis.diagnosis.nominal.responses import coasting, simulate
 from analysis.diagnosis.nominal.tuning import bounds_of, factor_of, root_of, turned
 from analysis.diagnosis.records.dataset import Record
+from analysis.linear.simulate import played
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
 from sim_backend.kernel.structure import LANES

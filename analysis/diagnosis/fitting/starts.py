@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.nominal.responses import answers_to_before, coasting, free_responses, played
+from analysis.diagnosis.nominal.responses import answers_to_before, coasting, free_responses
 from analysis.diagnosis.records.dataset import Dataset, Record
+from analysis.linear.simulate import played
 from sim_backend.linear import Array, DiscreteModel, ModalModel
 
 _NEGLIGIBLE = 1e-9

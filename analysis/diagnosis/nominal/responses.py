@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from analysis.linear.simulate import delayed
+from analysis.linear.simulate import Driven, driven_by
 from sim_backend.jit import njit
-from sim_backend.linear import Array, DiscreteModel, ModalModel, discretise, late_within_samples
+from sim_backend.linear import Array, DiscreteModel
 
 
 @njit
@@ -56,35 +56,6 @@ def _propagate(a, b, c, d, f, out):  # type: ignore[no-untyped-def]
                 out[k, i] += c[i, m, 0] * x0 + c[i, m, 1] * x1
             force = f[k]
             x0, x1 = a00 * x0 + a01 * x1 + b0 * force, a10 * x0 + a11 * x1 + b1 * force
-
-
-def played(linear: ModalModel, rate_hz: float) -> DiscreteModel:
-    """Return `linear` at one rate, its delays as exact as those of a replay."""
-    return discretise(linear, rate_hz, split=late_within_samples(linear, rate_hz))
-
-
-@dataclass(frozen=True)
-class Driven:
-    """What drives a model: `forces` (n, k), and how they enter its states, `b` (m, 2, k), and outputs, `d` (n_y, k)."""
-
-    forces: Array
-    b: Array
-    d: Array
-
-
-def driven_by(model: DiscreteModel, u: Array) -> Driven:
-    """Return what commands `u` (n, n_u) drive a model by after its delays.
-
-    Where these are split, every command drives it twice: by the sample that comes in, and by the one before it.
-    """
-    late = model.delay_samples
-    if model.late is None:
-        return Driven(delayed(u, late), model.b, model.d)
-    whole = np.floor(late)
-    forces = np.concatenate([delayed(u, whole), delayed(u, whole + 1.0)], axis=1)
-    newer = np.where(late > whole, 0.0, model.d)  # within a sample its first instant counts
-    b = np.concatenate([model.b - model.late, model.late], axis=2)
-    return Driven(forces, b, np.concatenate([newer, model.d - newer], axis=1))
 
 
 def response(

@@ -27,8 +27,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import scipy
 
-from analysis.diagnosis.nominal.responses import contrast, driven_by, response, simulate
-from analysis.linear.simulate import delayed, weighted
+from analysis.diagnosis.nominal.responses import contrast, response, simulate
+from analysis.linear.simulate import delayed, driven_by, weighted
 from sim_backend.linear import Array, DiscreteModel, ModalModel, delay_taps, discretise, late_within_samples
 
 _STEP = 1e-5

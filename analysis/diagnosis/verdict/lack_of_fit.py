@@ -19,7 +19,6 @@ import numpy as np
 from analysis.diagnosis.candidates.signature import Candidate, as_simulated, signature
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.noise.levels import BAND_ROWS
-from analysis.diagnosis.nominal.responses import played
 from analysis.diagnosis.search.gram import COLLINEAR, Gram
 from analysis.diagnosis.search.screening import gathered
 from analysis.diagnosis.search.shortlist import beside, views_of
@@ -27,6 +26,7 @@ from analysis.diagnosis.side_by_side import side_by_side
 from analysis.diagnosis.tails import chi2_tail, f_tail
 from analysis.diagnosis.verdict.basis import READINGS, SLOWEST, TORQUES, columns_at, scenes_of
 from analysis.diagnosis.verdict.patterns import Pattern, patterns_of
+from analysis.linear.simulate import played
 from sim_backend.assembly import Places
 from sim_backend.linear import Array
 

@@ -14,10 +14,11 @@ from analysis.diagnosis.fitting.balance import tune
 from analysis.diagnosis.fitting.fit import Setting, linear_of, residuals_on
 from analysis.diagnosis.fitting.starts import starts_of
 from analysis.diagnosis.noise.whitener import Whitener
-from analysis.diagnosis.nominal.responses import played, simulate
+from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.nominal.tuning import nuisances_of, turned
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.verdict.held_out import surely_misses
+from analysis.linear.simulate import played
 from sim_backend.assembly import places_of, transducers_of
 from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, RESONANCE_HZ, Array
 

@@ -11,8 +11,9 @@ import pytest
 
 from analysis.diagnosis.fitting.fit import residuals_on
 from analysis.diagnosis.fitting.starts import LeftFrom, left_by_best_start, starts_of
-from analysis.diagnosis.nominal.responses import free_responses, played, simulate
+from analysis.diagnosis.nominal.responses import free_responses, simulate
 from analysis.diagnosis.records.dataset import Record, Window
+from analysis.linear.simulate import played
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.effects import make_effect
 from sim_backend.effects.base import Effect

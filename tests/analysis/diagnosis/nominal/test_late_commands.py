@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.diagnosis.nominal.responses import played, simulate
+from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.nominal.tuning import nuisances_of, sensitivities, turned
+from analysis.linear.simulate import played
 from sim_backend import layout
 from sim_backend.assembly import Places
 from sim_backend.linear import ModalModel, discretise, finer_for_delays

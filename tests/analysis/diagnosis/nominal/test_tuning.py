@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.diagnosis.nominal.responses import coasting, played, simulate
+from analysis.diagnosis.nominal.responses import coasting, simulate
 from analysis.diagnosis.nominal.tuning import (
     Nuisance,
     bounds_of,
@@ -16,6 +16,7 @@ from analysis.diagnosis.nominal.tuning import (
     sensitivities,
     turned,
 )
+from analysis.linear.simulate import played
 from sim_backend.linear import ModalModel, discretise
 from tests.analysis.diagnosis.two_modes import RATE_HZ, drive, linear_model
 
