@@ -144,7 +144,8 @@ class ModalModel:
         (what a stepped sine on the bench measures); without, that of the continuous plant. Delays are included.
         """
         if hold_rate_hz is not None:
-            return discretise(self, hold_rate_hz).frequency_response(frequency_hz)
+            split = late_within_samples(self, hold_rate_hz)
+            return discretise(self, hold_rate_hz, split=split).frequency_response(frequency_hz)
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)[:, None]
         den = s**2 + 2.0 * self.sigma_1_s * s + self.omega_rad_s**2
         # (sI - A)^-1 of the companion block applied to [b_direct, b]; a mechanical mode has no direct parts
@@ -189,13 +190,18 @@ class DiscreteModel:
         upper, lower = self.a[:, 0, 1], self.a[:, 1, 0]
         per = 1.0 / (first * second - upper * lower)
         out = np.broadcast_to(self.d, (z.size, *self.d.shape)).astype(complex)
-        for u in range(self.b.shape[2]):
-            b0, b1 = self.b[:, 0, u], self.b[:, 1, u]
+        for u, samples in enumerate(self.delay_samples):
+            whole, part = divmod(float(samples), 1.0)
+            if self.late is None:
+                taps, into = delay_taps(float(samples)), self.b[:, :, u]
+                late = np.polyval(taps.weights[::-1], 1.0 / z) * z**-taps.first
+            else:  # of two held samples the older drives its part, and is what a direct path still passes on
+                into, late = self.b[:, :, u] + (1.0 / z[:, None, None] - 1.0) * self.late[:, :, u], z**-whole
+                out[:, :, u] *= (1.0 / z if part > 0.0 else np.ones_like(z))[:, None]
+            b0, b1 = into[..., 0], into[..., 1]
             out[:, :, u] += (per * (second * b0 + upper * b1)) @ self.c[:, :, 0].T
             out[:, :, u] += (per * (lower * b0 + first * b1)) @ self.c[:, :, 1].T
-        for u, late in enumerate(self.delay_samples):
-            taps = delay_taps(float(late))
-            out[:, :, u] *= (np.polyval(taps.weights[::-1], 1.0 / z) * z**-taps.first)[:, None]
+            out[:, :, u] *= late[:, None]
         return out
 
 

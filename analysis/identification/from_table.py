@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from analysis.identification.determined import without_undetermined
 from analysis.identification.growing_poles import remarks_on_growth
 from analysis.identification.identified import TABLE, Identification, fitted_by, identification
+from analysis.identification.input_delay import mechanical
 from analysis.identification.missed_response import remarks_on_misses
 from analysis.identification.modal_parameters import Structure
 from analysis.identification.rational import fit_rational
@@ -20,12 +21,14 @@ from analysis.identification.response_fit import RationalFit
 from analysis.identification.response_table import Table, read_table
 from campaigns.progress import Report, unheard
 from sim_backend.errors import ConfigError, DataError
+from sim_backend.linear import ModalModel
 from sim_backend.model import Port
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 ORDERS = (1, 2, 3, 4, 5, 6)
+_GENERAL, _MECHANICAL = Structure(delay=True), Structure("mechanical", feedthrough=False, delay=True)
 RELATIVE_START = 1e-3
 """Relative error that the first fit assumes: only what it finds is used, as with swept sines."""
 
@@ -92,11 +95,16 @@ def _fitted(f: Array, response: ComplexArray, orders: tuple[int, ...], report: R
     usable = tuple(n for n in orders if 4 * n < f.size) or orders[:1]
     size2 = np.maximum(np.abs(response), 1e-9 * np.abs(response).max()) ** 2
 
-    def fitted(choice: tuple[int, ...], relative2: float) -> RationalFit:
+    def fitted(
+        choice: tuple[int, ...], relative2: float, form: Structure = _GENERAL, start: ModalModel | None = None
+    ) -> RationalFit:
         variance = (relative2 * size2)[:, None, None]
-        structure = Structure(delay=True)
-        return fit_rational(f, response[:, None, None], choice, variance=variance, structure=structure, report=report)
+        lines = response[:, None, None]
+        return fit_rational(f, lines, choice, variance=variance, structure=form, start=start, report=report)
 
     missed = fitted(usable[-1:], RELATIVE_START**2).model.frequency_response(f)[:, 0, 0] - response
     relative2 = max(float(np.median(np.abs(missed) ** 2 / size2) / np.log(2.0)), 1e-16)
-    return without_undetermined(fitted(usable, relative2), usable, lambda n, _: fitted((n,), relative2))
+    fit = without_undetermined(fitted(usable, relative2), usable, lambda n, _: fitted((n,), relative2))
+    # direct paths and rates that are read imitate a delay: without them it is known a thousand times as well
+    simple = fitted((fit.model.n_blocks,), relative2, _MECHANICAL, mechanical(fit.model))
+    return replace(simple, dropped=fit.dropped) if simple.criterion < fit.criterion else fit

@@ -191,7 +191,7 @@ def _from_periods(
     fitted = fitted_by(fit, None if variance is None else fit.chi2, fit.dof, _rest(fit.model, *means))
     if held and variance is not None and _within_noise(fit) and not _distorted(*ratios):
         report(0.9, 1.0, "fitting in time")
-        fitted = _refined(fitted, parts, data.rate_hz, Structure(delay=chosen.delay), late=False)
+        fitted = _refined(fitted, parts, data.rate_hz, Structure(delay=chosen.delay), late=may_be_late(parts[0][0]))
     found = identification(
         fitted,
         _runs_of(parts),

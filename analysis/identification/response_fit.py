@@ -200,7 +200,11 @@ def block_states(model: ModalModel, target: Target) -> ComplexArray:
 
 
 def _delay_factor(delay_s: Array, target: Target) -> tuple[ComplexArray, ComplexArray]:
-    """Return the delay's factor and its derivative to the delay, each (n_f, n_u)."""
+    """Return the delay's factor and its derivative to the delay, each (n_f, n_u).
+
+    Behind a hold a part of a sample is interpolated, for one factor has to do for all modes. Fits in time go on from
+    there, and are exact.
+    """
     s = 2j * np.pi * target.frequency_hz[:, None]
     if target.hold_rate_hz is None:
         factor = np.exp(-s * delay_s)

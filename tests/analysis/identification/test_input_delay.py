@@ -54,7 +54,10 @@ def test_what_a_late_input_leaves_is_noise(late_samples: float) -> None:
     assert fit.noise_std[0] > 1.5 * innovation
     # n innovations tell their size to 1/√(2n), 0.9 %: four of those
     assert late.noise_std[0] == pytest.approx(innovation, rel=4.0 / np.sqrt(2.0 * ROWS))
-    # the delay itself shares what it does with the feedthrough and the rate that is read; the mode shares nothing
+    # neither a direct path nor a rate that is read shares what the delay does
+    std = float(np.sqrt(np.diag(late.covariance)[late.layout.index("delay_s")][0])) * RATE_HZ
+    assert late.model.delay_s[0] * RATE_HZ == pytest.approx(late_samples, abs=4.0 * std) and std < 0.01
+    assert not (late.model.d.any() or late.model.c_rate.any())
     assert late.model.omega_rad_s[0] / (2.0 * np.pi) == pytest.approx(
         21.0, abs=4.0 * late.omega_std_rad_s[0] / (2.0 * np.pi)
     )

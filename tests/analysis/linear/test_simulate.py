@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from analysis.linear.simulate import delayed, periodic_response, simulate_linear
+from analysis.linear.simulate import delayed, periodic_response, played, simulate_linear
 from sim_backend.errors import ConfigError
-from sim_backend.linear import discretise
+from sim_backend.linear import ModalModel, discretise
 
 
 def test_matches_scipy_state_space_over_several_chunks(rng, plant):
@@ -70,3 +70,25 @@ def test_wrong_shapes_are_refused(rng, plant):
         simulate_linear(discrete, np.ones((5, 1)), np.zeros(4))
     with pytest.raises(ConfigError, match="needs"):
         periodic_response(np.ones((5, 1, 1), dtype=np.complex128), np.ones((20, 1)))
+
+
+@pytest.mark.parametrize("late_samples", [0.0, 0.3, 1.0, 2.7])
+def test_a_delay_of_parts_of_a_sample_is_exact_in_time_and_as_a_response(late_samples):
+    """Against steps a tenth as long, of which the delay is a whole number; with a direct path, near half the rate."""
+    rate_hz, finer, period = 100.0, 10, 300
+    rng = np.random.default_rng(4)
+    zero = np.zeros((1, 1))
+    mode = ModalModel(np.array([250.0]), np.array([9.0]), np.ones((1, 1)), zero, np.array([[3e4]]), zero, zero, zero[0])
+    direct = mode.with_(d=np.array([[0.4]]), c_rate=np.array([[20.0]]))
+    late = direct.with_(delay_s=np.array([late_samples / rate_hz]))
+    u = np.tile(rng.standard_normal((period, 1)), (10, 1))
+    fine = np.repeat(u, finer, axis=0)
+    shift = round(late_samples * finer)
+    fine = np.concatenate([np.zeros((shift, 1)), fine[: fine.shape[0] - shift]])
+    want = simulate_linear(discretise(direct, finer * rate_hz), fine)[::finer]
+    found = simulate_linear(played(late, rate_hz), u)
+    np.testing.assert_allclose(found, want, rtol=0, atol=1e-11 * np.abs(want).max())
+    response = late.frequency_response(np.arange(period // 2 + 1) * rate_hz / period, rate_hz)
+    steady = periodic_response(response, u[:period])
+    # ten periods: what the start rings for has died out to e^-81
+    np.testing.assert_allclose(steady, found[-period:], rtol=0, atol=1e-11 * np.abs(want).max())
