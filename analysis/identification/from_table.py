@@ -105,6 +105,6 @@ def _fitted(f: Array, response: ComplexArray, orders: tuple[int, ...], report: R
     missed = fitted(usable[-1:], RELATIVE_START**2).model.frequency_response(f)[:, 0, 0] - response
     relative2 = max(float(np.median(np.abs(missed) ** 2 / size2) / np.log(2.0)), 1e-16)
     fit = without_undetermined(fitted(usable, relative2), usable, lambda n, _: fitted((n,), relative2))
-    # direct paths and rates that are read imitate a delay: without them it is known a thousand times as well
+    # direct paths and rates that are read act like a delay: without them it is known a thousand times as well
     simple = fitted((fit.model.n_blocks,), relative2, _MECHANICAL, mechanical(fit.model))
     return replace(simple, dropped=fit.dropped) if simple.criterion < fit.criterion else fit

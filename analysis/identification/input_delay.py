@@ -150,7 +150,7 @@ def _free_delays(
 
 
 def mechanical(model: ModalModel) -> ModalModel:
-    """Return a model whose blocks are masses on springs and no more: what else it has may imitate a delay."""
+    """Return a model whose blocks are masses on springs and no more: what else it has may stand for a delay."""
     return model.with_(
         b_direct=np.zeros_like(model.b_direct), c_rate=np.zeros_like(model.c_rate), d=np.zeros_like(model.d)
     )
