@@ -69,8 +69,8 @@ def with_delay(fit: TimeFit, inputs: Sequence[Array], outputs: Sequence[Array], 
     the rest would be found later as a delay that the bench has and the model lacks.
 
     On held steps, a delay of a fraction of a sample is exactly a direct path beside a delay of the next whole sample. A
-    free delay needs fewer numbers, and is exact at low frequencies. Either is tried with all modes, and a free one with
-    ever fewer: the fastest modes may only have approximated it.
+    free delay needs fewer numbers, and fewest without the direct paths and rates that act like it. Either is tried
+    with all modes, and a free one with ever fewer: the fastest modes may only have approximated it.
     """
     given = fit
     known = np.rint(fit.model.delay_s * rate_hz).astype(np.intp)
