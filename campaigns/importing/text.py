@@ -54,6 +54,12 @@ MOST_NAMES = 2**16
 _IN_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 
 
+def _holds_unit(name: str) -> bool:
+    """Tell whether a name ends with something in brackets that is not an index."""
+    found = _IN_BRACKETS.search(name)
+    return found is not None and not found[1].strip().isdecimal()
+
+
 @dataclass(frozen=True)
 class TextSource:
     """Columns of a text table by their names; `[:, k]` selects by number. What is None is found in the file.
@@ -77,8 +83,10 @@ class TextSource:
         names, units = self.dialect.names, self.dialect.units
         below = units[names.index(name)] if units and name in names else ""
         found = _IN_BRACKETS.search(name)
-        # an index in brackets is no unit
-        inside = found[1].strip() if found and not found[1].strip().isdecimal() else ""
+        inside = found[1].strip() if found else ""
+        # an index in brackets is no unit; a one is, beside other units in brackets
+        if inside.isdecimal() and not (inside == "1" and any(map(_holds_unit, names))):
+            inside = ""
         return below.strip("[](){}<> ") or inside or None
 
     def array(self, name: str) -> NDArray[Any] | None:

@@ -200,3 +200,19 @@ def test_names_that_are_numbers_are_taken_when_the_map_says_so(tmp_path):
 def test_a_strange_digit_is_no_number(tmp_path):
     with pytest.raises(DataError):
         table(tmp_path, "u\n²\n").array("u")
+
+
+@pytest.mark.parametrize(
+    ("head", "units"),
+    [
+        ("u [1],y [%]", ("1", "%")),  # beside a unit in brackets a one is one
+        ("u [1],u [2]", (None, None)),  # channels with a number
+        ("u [1],y", (None, None)),
+        ("u [2],y [%]", (None, "%")),
+    ],
+)
+def test_a_number_in_brackets_is_an_index_but_for_a_one_beside_units(tmp_path, head, units):
+    path = tmp_path / "a.csv"
+    path.write_text(head + "\n1.5,2.5\n2.5,3.5\n0.5,1.5\n", encoding="utf-8")
+    source = TextSource(path)
+    assert tuple(source.unit(name) for name in source.names()) == units
