@@ -144,8 +144,7 @@ class ModalModel:
         (what a stepped sine on the bench measures); without, that of the continuous plant. Delays are included.
         """
         if hold_rate_hz is not None:
-            split = late_within_samples(self, hold_rate_hz)
-            return discretise(self, hold_rate_hz, split=split).frequency_response(frequency_hz)
+            return played(self, hold_rate_hz).frequency_response(frequency_hz)
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)[:, None]
         den = s**2 + 2.0 * self.sigma_1_s * s + self.omega_rad_s**2
         # (sI - A)^-1 of the companion block applied to [b_direct, b]; a mechanical mode has no direct parts
@@ -191,13 +190,14 @@ class DiscreteModel:
         per = 1.0 / (first * second - upper * lower)
         out = np.broadcast_to(self.d, (z.size, *self.d.shape)).astype(complex)
         for u, samples in enumerate(self.delay_samples):
-            whole, part = divmod(float(samples), 1.0)
             if self.late is None:
                 taps, into = delay_taps(float(samples)), self.b[:, :, u]
                 late = np.polyval(taps.weights[::-1], 1.0 / z) * z**-taps.first
             else:  # of two held samples the older drives its part, and is what a direct path still passes on
+                whole, part = divmod(float(samples), 1.0)
                 into, late = self.b[:, :, u] + (1.0 / z[:, None, None] - 1.0) * self.late[:, :, u], z**-whole
-                out[:, :, u] *= (1.0 / z if part > 0.0 else np.ones_like(z))[:, None]
+                if part > 0.0:
+                    out[:, :, u] /= z[:, None]
             b0, b1 = into[..., 0], into[..., 1]
             out[:, :, u] += (per * (second * b0 + upper * b1)) @ self.c[:, :, 0].T
             out[:, :, u] += (per * (lower * b0 + first * b1)) @ self.c[:, :, 1].T
@@ -340,6 +340,11 @@ def discretise(model: ModalModel, rate_hz: float, *, split: bool = False) -> Dis
     rate_d = np.einsum("ymk,mku->yu", c, into)
     late = _late(model, into, b, rate_hz) if split else None
     return DiscreteModel(a, b, c, rate_c, rate_d, model.d, model.delay_s * rate_hz, float(rate_hz), late)
+
+
+def played(model: ModalModel, rate_hz: float) -> DiscreteModel:
+    """Return `model` at one rate, behind held inputs, with delays of parts of a sample exact."""
+    return discretise(model, rate_hz, split=late_within_samples(model, rate_hz))
 
 
 def _late(model: ModalModel, into: Array, b: Array, rate_hz: float) -> Array:

@@ -9,11 +9,11 @@ import numpy as np
 
 from analysis.identification.identified import HeldOut
 from analysis.identification.validation import relative_error
-from analysis.linear.simulate import periodic_response, played, simulate_linear
+from analysis.linear.simulate import periodic_response, simulate_linear
 from analysis.recorded.folded import windowed
 from campaigns.log import LogSegment, Run
 from sim_backend.intersample import steps_for
-from sim_backend.linear import Array, DiscreteModel, ModalModel, delay_taps
+from sim_backend.linear import Array, DiscreteModel, ModalModel, delay_taps, played
 from sim_backend.model import Intersample
 
 START_ROWS = 20_000

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from analysis.identification.block_basis import BlockMatrices, block_matrices
 from analysis.identification.modal_parameters import Layout, participation, unpack
 from analysis.identification.normal_equations import Normal
-from analysis.linear.simulate import delayed, played, simulate_linear, weighted
+from analysis.linear.simulate import delayed, simulate_linear, weighted
 from sim_backend.jit import njit
-from sim_backend.linear import Array, ModalModel, discretise
+from sim_backend.linear import Array, ModalModel, discretise, played
 
 # samples per pass: the Jacobian of one output over this many samples stays small enough for the cache
 _CHUNK = 2048

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sim_backend.errors import ConfigError
 from sim_backend.jit import njit
-from sim_backend.linear import Array, DiscreteModel, ModalModel, delay_taps, discretise, late_within_samples
+from sim_backend.linear import Array, DiscreteModel, delay_taps
 
 # a pass takes a few samples of many stretches at a time, so that these stay in the processor's nearest caches; a
 # length of a power of two would put all stretches into the same few addresses of a cache
@@ -55,11 +55,6 @@ def delayed(u: Array, delay_samples: Array) -> Array:
         taps = delay_taps(float(delay))
         out[:, j] = weighted(u[:, j], taps.first, taps.weights)
     return out
-
-
-def played(linear: ModalModel, rate_hz: float) -> DiscreteModel:
-    """Return `linear` at one rate, behind held inputs, with delays of parts of a sample exact."""
-    return discretise(linear, rate_hz, split=late_within_samples(linear, rate_hz))
 
 
 @dataclass(frozen=True)

@@ -54,10 +54,10 @@ MOST_NAMES = 2**16
 _IN_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 
 
-def _holds_unit(name: str) -> bool:
-    """Tell whether a name ends with something in brackets that is not an index."""
+def _in_brackets(name: str) -> str:
+    """Return what a name ends with in brackets, empty where it does not."""
     found = _IN_BRACKETS.search(name)
-    return found is not None and not found[1].strip().isdecimal()
+    return found[1].strip() if found else ""
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,10 @@ class TextSource:
         """Return the unit below a column's name or in brackets at its end, None where there is neither."""
         names, units = self.dialect.names, self.dialect.units
         below = units[names.index(name)] if units and name in names else ""
-        found = _IN_BRACKETS.search(name)
-        inside = found[1].strip() if found else ""
+        inside = _in_brackets(name)
         # an index in brackets is no unit; a one is, beside other units in brackets
-        if inside.isdecimal() and not (inside == "1" and any(map(_holds_unit, names))):
+        units_there = {other for other in map(_in_brackets, names) if other and not other.isdecimal()}
+        if inside.isdecimal() and not (inside == "1" and units_there):
             inside = ""
         return below.strip("[](){}<> ") or inside or None
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.nominal.responses import simulate
-from analysis.linear.simulate import played
 from campaigns.log import Channel, LogWriter
 from mccdcli.main import main
+from sim_backend.linear import played
 from sim_backend.model import Mode, Model, Port, dump_model
 from tests.small_bench import NOISE, bench_model
 

@@ -20,13 +20,12 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.records.dataset import Window
 from analysis.diagnosis.result import Diagnosis
-from analysis.linear.simulate import played
 from analysis.pages.canvas import Canvas
 from analysis.pages.quantities import scaled, share
 from sim_backend.axis_names import axis_text, with_axes
 from sim_backend.effects.base import Effect, Site
 from sim_backend.effects.words import placed_text
-from sim_backend.linear import Array
+from sim_backend.linear import Array, played
 from sim_backend.model import Model
 
 SIZE = (WIDE, 3.0)

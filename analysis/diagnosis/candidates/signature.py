@@ -23,13 +23,12 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import coasting, no_columns, response, simulate, stacked
 from analysis.diagnosis.records.dataset import Record
 from analysis.diagnosis.side_by_side import side_by_side
-from analysis.linear.simulate import played
 from sim_backend import kernel, layout
 from sim_backend.assembly import Places
 from sim_backend.effects.base import Aux, Effect, Site
 from sim_backend.effects.view import RecordView
 from sim_backend.errors import ConfigError
-from sim_backend.linear import Array, ModalModel
+from sim_backend.linear import Array, ModalModel, played
 from sim_backend.wiring import effects_of
 
 _OVERSUBTRACTION = 6.0

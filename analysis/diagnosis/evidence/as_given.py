@@ -9,11 +9,10 @@ import numpy as np
 from analysis.diagnosis.fitting.fit import steps_of
 from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.records.dataset import Dataset, Record
-from analysis.linear.simulate import played
 from sim_backend.assembly import places_of, retuned, stated, transducers_of
 from sim_backend.effects.base import Site
 from sim_backend.effects.sensor_offset import SensorOffset
-from sim_backend.linear import Array
+from sim_backend.linear import Array, played
 from sim_backend.model import Model
 from sim_backend.replay import replay, stepped
 

@@ -21,10 +21,9 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import response
 from analysis.diagnosis.nominal.tuning import turned
 from analysis.diagnosis.records.dataset import Record
-from analysis.linear.simulate import played
 from campaigns.facts.base import stretches_of
 from sim_backend.effects.base import Effect
-from sim_backend.linear import Array, DiscreteModel, ModalModel
+from sim_backend.linear import Array, DiscreteModel, ModalModel, played
 
 Spectrum = NDArray[np.complex128]
 

@@ -18,12 +18,11 @@ from analysis.diagnosis.nominal.responses import free_responses, waiting_at
 from analysis.diagnosis.nominal.tuning import Nuisance, turned
 from analysis.diagnosis.records.dataset import Dataset, Record
 from analysis.diagnosis.side_by_side import side_by_side
-from analysis.linear.simulate import played
 from sim_backend import layout
 from sim_backend.assembly import Places, retuned
 from sim_backend.effects.base import UNKNOWN_RUN, Effect, Site
 from sim_backend.effects.dominant import residues
-from sim_backend.linear import Array, ModalModel
+from sim_backend.linear import Array, ModalModel, played
 from sim_backend.replay import Case, Motion, replay_together, stepped
 
 T = TypeVar("T")

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from analysis.diagnosis.fitting.fit import Fit, Setting
 from analysis.diagnosis.nominal.responses import contrast, free_responses
 from analysis.diagnosis.nominal.tuning import OWN_TOLERANCE, Nuisance, change_to, mahalanobis2_of, mode_alone, turned
-from analysis.linear.simulate import driven_by, played
-from sim_backend.linear import Array, DiscreteModel, ModalModel
+from analysis.linear.simulate import driven_by
+from sim_backend.linear import Array, DiscreteModel, ModalModel, played
 
 _REACH = 3.0
 """Standard deviations of a frequency within which it is searched for: one in 400 lies outside."""

@@ -23,11 +23,10 @@ from analysis.diagnosis.fitting.starts import Start, stack_white
 from analysis.diagnosis.nominal.responses import coasting, simulate
 from analysis.diagnosis.nominal.tuning import bounds_of, factor_of, root_of, turned
 from analysis.diagnosis.records.dataset import Record
-from analysis.linear.simulate import played
 from sim_backend.effects.base import Effect
 from sim_backend.errors import ConfigError
 from sim_backend.kernel.structure import LANES
-from sim_backend.linear import Array
+from sim_backend.linear import Array, played
 from sim_backend.replay import Case
 
 _NUISANCE_STEP = 0.2

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import answers_to_before, coasting, free_responses
 from analysis.diagnosis.records.dataset import Dataset, Record
-from analysis.linear.simulate import played
-from sim_backend.linear import Array, DiscreteModel, ModalModel
+from sim_backend.linear import Array, DiscreteModel, ModalModel, played
 
 _NEGLIGIBLE = 1e-9
 """A direction this much weaker than the strongest cannot be distinguished from rounding and is not adjusted."""

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from analysis.diagnosis.fitting.fit import Setting
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import response
-from analysis.linear.simulate import played
 from campaigns.facts.base import stretches_of
-from sim_backend.linear import Array, ModalModel, discretise
+from sim_backend.linear import Array, ModalModel, discretise, played
 
 Mask = NDArray[np.bool_]
 

@@ -26,9 +26,8 @@ from analysis.diagnosis.side_by_side import side_by_side
 from analysis.diagnosis.tails import chi2_tail, f_tail
 from analysis.diagnosis.verdict.basis import READINGS, SLOWEST, TORQUES, columns_at, scenes_of
 from analysis.diagnosis.verdict.patterns import Pattern, patterns_of
-from analysis.linear.simulate import played
 from sim_backend.assembly import Places
-from sim_backend.linear import Array
+from sim_backend.linear import Array, played
 
 ONE_IN_A_MILLION = 1e-6
 """Chance of as much along one function at one location below which it is not noise. Some hundred are tested; what

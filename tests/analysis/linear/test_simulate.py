@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from analysis.linear.simulate import delayed, periodic_response, played, simulate_linear
+from analysis.linear.simulate import delayed, periodic_response, simulate_linear
 from sim_backend.errors import ConfigError
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import ModalModel, discretise, played
 
 
 def test_matches_scipy_state_space_over_several_chunks(rng, plant):

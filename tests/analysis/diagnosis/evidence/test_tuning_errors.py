@@ -18,8 +18,8 @@ from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.nominal.tuning import nuisances_of, turned
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
 from analysis.diagnosis.verdict.held_out import surely_misses
-from analysis.linear.simulate import played
 from sim_backend.assembly import places_of, transducers_of
+from sim_backend.linear import played
 from tests.analysis.diagnosis.residuals import MODEL, RATE_HZ, RESONANCE_HZ, Array
 
 N, NOISE_M, TOLERANCE = 4000, 1e-3, 0.03

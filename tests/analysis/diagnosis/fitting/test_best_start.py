@@ -13,10 +13,10 @@ from analysis.diagnosis.fitting.fit import residuals_on
 from analysis.diagnosis.fitting.starts import LeftFrom, left_by_best_start, starts_of
 from analysis.diagnosis.nominal.responses import free_responses, simulate
 from analysis.diagnosis.records.dataset import Record, Window
-from analysis.linear.simulate import played
 from sim_backend.assembly import places_of, transducers_of
 from sim_backend.effects import make_effect
 from sim_backend.effects.base import Effect
+from sim_backend.linear import played
 from sim_backend.replay import replay
 from tests.analysis.diagnosis import residuals
 from tests.analysis.diagnosis.two_modes import RATE_HZ, drive, linear_model, one_axis

@@ -18,9 +18,8 @@ from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import coasting, simulate
 from analysis.diagnosis.nominal.tuning import nuisances_of
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
-from analysis.linear.simulate import played
 from sim_backend.assembly import places_of, transducers_of
-from sim_backend.linear import ModalModel
+from sim_backend.linear import ModalModel, played
 from tests.analysis.diagnosis.two_modes import INERTIA, RATE_HZ, drive, linear_model, one_axis
 
 N, NOISE = 6000, 2e-6

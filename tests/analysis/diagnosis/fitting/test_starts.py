@@ -10,8 +10,8 @@ from analysis.diagnosis.fitting.starts import stack_white, start_of, without_sta
 from analysis.diagnosis.noise.whitener import Whitener
 from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.records.dataset import Dataset, Record, Window
-from analysis.linear.simulate import played
 from sim_backend.assembly import places_of, transducers_of
+from sim_backend.linear import played
 from sim_backend.replay import replay
 from tests.analysis.diagnosis.two_modes import RATE_HZ, drive, linear_model, one_axis
 

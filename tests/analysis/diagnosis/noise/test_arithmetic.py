@@ -12,7 +12,7 @@ from analysis.diagnosis.noise.estimate import whitener_from
 from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.pipeline import Options, diagnose
 from analysis.diagnosis.records.dataset import FINEST, Dataset, Record, Window
-from analysis.linear.simulate import played
+from sim_backend.linear import played
 from tests.analysis.diagnosis.two_modes import RATE_HZ, drive, one_axis
 
 PERIOD = 1500

@@ -7,10 +7,9 @@ import pytest
 
 from analysis.diagnosis.nominal.responses import simulate
 from analysis.diagnosis.nominal.tuning import nuisances_of, sensitivities, turned
-from analysis.linear.simulate import played
 from sim_backend import layout
 from sim_backend.assembly import Places
-from sim_backend.linear import ModalModel, discretise, finer_for_delays
+from sim_backend.linear import ModalModel, discretise, finer_for_delays, played
 from sim_backend.replay import replay
 
 RATE_HZ = 4000.0

@@ -16,8 +16,7 @@ from analysis.diagnosis.nominal.tuning import (
     sensitivities,
     turned,
 )
-from analysis.linear.simulate import played
-from sim_backend.linear import ModalModel, discretise
+from sim_backend.linear import ModalModel, discretise, played
 from tests.analysis.diagnosis.two_modes import RATE_HZ, drive, linear_model
 
 OMEGA_RAD_S = 2.0 * np.pi * np.array([30.0, 250.0])
